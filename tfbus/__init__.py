@@ -144,13 +144,6 @@ _MODULE_OF = {
     "stamp_ns": "tfbus.base.stamps",
 }
 
-# Names of rclpy, and what does the same here.
-_IN_RCLPY = {
-    "Time": "stamps in nanoseconds, as of node.now_ns() or tfbus.stamp_ns(seconds)",
-    "init": "tfbus.Node(name), which needs no init",
-    "spin": "node.spin()",
-}
-
 __all__ = sorted(_MODULE_OF)
 
 
@@ -163,8 +156,7 @@ def __getattr__(name: str) -> "Any":
     elif name in _MODULE_OF:
         value = getattr(imported(_MODULE_OF[name]), name)
     else:
-        ours = _IN_RCLPY.get(name)
-        hint = f"; use: {ours}" if ours else ""
+        hint = imported("tfbus.base.ros_names").hint("tfbus", name)
         raise AttributeError(f"module 'tfbus' has no attribute {name!r}{hint}")
     globals()[name] = value
     return value

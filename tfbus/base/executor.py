@@ -3,12 +3,13 @@
 import heapq
 import itertools
 import logging
+import sys
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tfbus.base import scheduler
+from tfbus.base import ros_names, scheduler
 from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Ran, here
 from tfbus.base.clock import Bell, SimulatedClock, Timer
 from tfbus.base.errors import TfbusError
@@ -219,6 +220,7 @@ class Executor:
         self._failures[what] += 1
         count = self._failures[what]
         if str(count).strip("0") == "1":  # a power of ten
+            ros_names.add_note(sys.exception())
             self._log.exception("A callback failed, %s so far (%s)", counted(count, "time"), what)
 
     # What waits, with the lock held

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tfbus.base import scheduler
-from tfbus.base.arguments import check_callback, check_plain, seconds_to_wait
+from tfbus.base import ros_names, scheduler
+from tfbus.base.arguments import called_as, check_callback, check_plain, seconds_to_wait
 from tfbus.base.callbacks import CallbackGroup
 from tfbus.base.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.base.errors import ParameterError, SettingsError, TfbusError
@@ -45,13 +45,6 @@ if TYPE_CHECKING:
     from tfbus.node.clock_topic import ClockPublisher, ClockStart
 
 M = TypeVar("M")
-
-# Names of a node in rclpy, and what does the same here.
-_IN_RCLPY = {
-    "destroy_node": "node.close()",
-    "get_clock": "node.clock, or node.now_ns()",
-    "get_logger": "node.log",
-}
 
 
 class Node:
@@ -200,6 +193,7 @@ class Node:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> bool:
+        ros_names.add_note(error)
         stopped_by_signal = kind is KeyboardInterrupt and not self.ok
         if stopped_by_signal:
             forget_interrupt()
@@ -215,10 +209,10 @@ class Node:
 
         def __getattr__(self, name: str) -> Any:
             """No attribute; the error names what stands for one of rclpy."""
-            ours = _IN_RCLPY.get(name)
-            hint = f"; use: {ours}" if ours else ""
             raise AttributeError(
-                f"'Node' object has no attribute {name!r}{hint}", name=name, obj=self
+                f"'Node' object has no attribute {name!r}{ros_names.hint('Node', name)}",
+                name=name,
+                obj=self,
             )
 
     # How long it lives
@@ -312,6 +306,7 @@ class Node:
 
     # What it publishes, subscribes to and serves
 
+    @called_as("node.create_publisher(message_type, topic), without QoS: retained=True, or nothing")
     def create_publisher(
         self, message_type: type[M], topic: str, *, retained: bool = False
     ) -> Publisher[M]:
@@ -326,6 +321,10 @@ class Node:
         publisher = Publisher(self.session, message_type, topic, retained=retained)
         return self._info.add("publishes", publisher)
 
+    @called_as(
+        "node.create_subscription(message_type, topic, callback), without QoS: retained=True, or "
+        "nothing"
+    )
     def create_subscription(
         self,
         message_type: type[M],

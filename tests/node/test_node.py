@@ -613,6 +613,19 @@ class TestParameters:
         node.declare_parameter("axes", [1])
         assert self.set(other, "speed", 1).endswith("'speed'; available: axes, rate")
 
+    def test_another_node_reads_and_sets_it(self, node: Node, other: Node) -> None:
+        """A node reads another's parameter, and sets it to a value in its type and bounds."""
+        node.declare_parameter("rate", 1.5, minimum=0)
+        assert other.read_parameter("server", "rate") == 1.5
+        assert other.set_parameter("server", "rate", "2") == 2.0
+        with pytest.raises(ParameterError, match="'rate' must be at least 0, not -1"):
+            other.set_parameter("/server", "rate", -1)
+        assert other.read_parameter("/server", "rate") == 2.0
+        with pytest.raises(ParameterError, match="'speed'; available: rate"):
+            other.read_parameter("server", "speed")
+        with pytest.raises(BusError, match="nobody"):
+            other.set_parameter("nobody", "rate", 1.0)
+
     def test_a_value_given_at_the_start_is_taken(self, bus: Bus) -> None:
         """A value from the command line or a launch file goes before the default."""
         node = bus.node("node", parameters={"rate": "2", "frame": "map", "flag": True})

@@ -551,6 +551,25 @@ class Node:
         parameter = Parameter(name, default, description, bounds, on_change)
         return self._parameters.declare(parameter, lane)
 
+    def read_parameter(self, node: str, name: str) -> Any:
+        """The value of another node's parameter; `node` is its name, relative or full.
+
+        Raises BusError if there is no such node, ParameterError if it has no such parameter.
+        """
+        from tfbus.bus.remote_parameters import parameter_of  # few nodes need it
+
+        return parameter_of(self.session, node, name, self.log.warning).value
+
+    def set_parameter(self, node: str, name: str, value: Value) -> Any:
+        """Set another node's parameter; returns its value then, in the parameter's type.
+
+        Raises as `read_parameter`, ParameterError for a refusal, RightsError without the right on a
+        closed bus.
+        """
+        from tfbus.bus.remote_parameters import set_parameter
+
+        return set_parameter(self.session, node, name, value, self.log.warning).value
+
     # How it describes itself
 
     @property

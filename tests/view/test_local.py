@@ -5,7 +5,8 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import partial
 from io import BytesIO, StringIO
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -71,7 +72,7 @@ def step(page: Any, buffer: Buffer) -> Callable[[], None]:
     def draw() -> None:
         from tfbus.view.frames import place
 
-        page.drawn.draw(place(buffer, "map", buffer.frames(), None))
+        page.drawn.draw(place(buffer, "map", buffer.frames(), None), Transform())
 
     return draw
 
@@ -118,9 +119,35 @@ def test_a_shape_is_at_a_pose_or_a_point_of_its_frame(
     """By one name for all kinds."""
     arguments = {"box": [(1, 1, 1)], "sphere": [0.5], "text": ["here"], "image": [PICTURE, 1.0]}
     getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=pose)
-    assert page.drawn.shapes["a"].handle.position.tolist() == [1.0, 2.0, 3.0]
+    shape = page.drawn.shapes["a"]
+    at = shape.handle.position if shape.at is None else shape.at
+    assert at.tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(InvalidArgumentException, match="pose: expected 3"):
         getattr(view, f"add_{kind}")("a", "base", *arguments[kind], pose=(1, 2))
+
+
+def test_a_label_is_where_its_frame_is_in_the_picture(buffer: Buffer) -> None:
+    """Also while cameras follow a frame: then the fixed frame moves, and no label is below it."""
+    from tfbus.view.frames import place
+    from tfbus.view.scene.drawn import FIXED_NODE, Drawn
+
+    there = {}
+
+    def add_label(path: str, text: str, **shape: Any) -> Any:
+        assert not path.startswith(FIXED_NODE)
+        there[path] = SimpleNamespace(text=text, remove=lambda: there.pop(path), **shape)
+        return there[path]
+
+    drawn = Drawn(cast(Any, SimpleNamespace(add_label=add_label)))
+    drawn.add_label("goal", "map", "former", np.zeros(3))
+    drawn.add_label("goal", "base", "goal_pose", np.array((0.0, 0.0, 0.5)))
+    fixed = Transform.from_rpy(0.0, 0.0, np.pi / 2, xyz=(10.0, 0.0, 0.0))
+    drawn.draw(place(buffer, "map", buffer.frames(), None), fixed)
+    [label] = there.values()
+    assert (label.text, label.visible) == ("goal_pose", True)
+    assert label.position == pytest.approx((10.0, 2.0, 0.5))
+    assert drawn.remove("goal")
+    assert not there
 
 
 def test_a_shape_of_a_frame_that_is_not_there_waits_for_it(

@@ -278,12 +278,9 @@ class View:
         pose: Transform | ArrayLike | None = None,
     ) -> None:
         """Write a text that always faces the browser, at the origin of the frame, or at `pose`."""
-        place = place_of(pose)
-        self._add(
-            name,
-            frame,
-            lambda scene, path: scene.add_label(path, str(text), **place, anchor="bottom-center"),
-        )
+        check_frame_id(frame, "frame")
+        at = place_of(pose).get("position", np.zeros(3))
+        self._page.drawn.add_label(name, frame, str(text), at)
 
     def add_camera(
         self,

@@ -365,7 +365,6 @@ class Page:
                 if len(path) > 1:
                     paths.append(path)
         self.robots.draw(whole, self.frames)
-        self.drawn.draw(whole)
         for guest in self._guests:
             guest.draw(whole, fixed_frame)
         regions = [guest.region for guest in self._guests]
@@ -377,6 +376,7 @@ class Page:
         self._keep_sight(fixed_frame, stamp_ns)
         self._follow(settings)
         fixed = self.cameras.fixed
+        self.drawn.draw(whole, fixed)
         in_scene = placed.moved(fixed)
         self._scene.draw(self.frames, in_scene, list(map(fixed.apply, paths)), settings)
         self._selected_marks.draw(self.frames, in_scene, self._scene.size_m)

@@ -99,11 +99,7 @@ class Pointing:
                 path, ends, _MEASURED, thickness=4.0, thickness_units="screen"
             ),
         )
-        self._drawn.add(
-            "measured text",
-            fixed_frame,
-            lambda path: scene.add_label(path, text, position=middle, anchor="bottom-center"),
-        )
+        self._drawn.add_label("measured text", fixed_frame, text, middle)
         return ""
 
     def _send(self, aim: Aim, tool: Tool, window: Viewport, fixed_frame: str) -> str:
@@ -128,15 +124,8 @@ class Pointing:
         kind, part = ("arrow", 1.0) if tool.has_heading else ("sphere", 0.25)
         sent = f"{tool.name} sent"
         self._mark(sent, fixed_frame, kind, tool.color, xyz, yaw_rad, part * size_m)
-        above = (xyz[0], xyz[1], xyz[2] + 0.3 * size_m)
-        scene = self._server.scene
-        self._drawn.add(
-            f"{tool.name} topic",
-            fixed_frame,
-            lambda path: scene.add_label(
-                path, printable(topic), position=above, anchor="bottom-center"
-            ),
-        )
+        above = np.array((xyz[0], xyz[1], xyz[2] + 0.3 * size_m))
+        self._drawn.add_label(f"{tool.name} topic", fixed_frame, printable(topic), above)
         return ""
 
     def _met(self, ray: Ray, *, ground_only: bool = False) -> tuple[Place, float] | None:

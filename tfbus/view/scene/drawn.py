@@ -79,11 +79,14 @@ _MOST_COLOR = 255
 
 @dataclass(eq=False)
 class Shape:
-    """A shape below `node`, which is where the frame is."""
+    """A shape below `node`, which is where the frame is. A label, `at` (3,) in the frame, is its
+    own node.
+    """
 
     frame: str
     node: Any
     handle: Any
+    at: Floats | None = None
 
 
 class Drawn:
@@ -107,7 +110,7 @@ class Drawn:
     def add(self, name: str, frame: str, make: Callable[[str], Any]) -> None:
         """Add the shape that `make(path)` adds to the scene; it replaces one of the same name."""
         with self._lock:
-            former = self._shapes.get(name)
+            former = self._without_label(name)
             # Not by its name, which may have slashes: viser makes trees of them. At the place of
             # the former, which viser replaces without a flicker.
             if former is None:
@@ -127,14 +130,37 @@ class Drawn:
                 node.visible = False
             self._shapes[name] = Shape(frame, node, handle)
 
+    def add_label(self, name: str, frame: str, text: str, at: Floats) -> None:
+        """Write a text above a point (3,) of the frame; it replaces a shape of the same name."""
+        # In the scene of viser: below a node that moves, browsers draw it one picture later.
+        with self._lock:
+            self._remove(name)
+            self._count += 1
+            handle: Any = self._scene.add_label(
+                f"/labels/{self._count}", text, anchor="bottom-center", visible=False
+            )
+            self._shapes[name] = Shape(frame, handle, handle, at)
+
     def remove(self, name: str) -> bool:
         """Remove a shape; whether there was one."""
         with self._lock:
-            shape = self._shapes.pop(name, None)
-            if shape is not None:
-                shape.handle.remove()
+            return self._remove(name)
+
+    def _remove(self, name: str) -> bool:
+        shape = self._shapes.pop(name, None)
+        if shape is not None:
+            shape.handle.remove()
+            if shape.at is None:
                 shape.node.remove()
         return shape is not None
+
+    def _without_label(self, name: str) -> Shape | None:
+        """The shape of this name; a label is removed."""
+        former = self._shapes.get(name)
+        if former is None or former.at is None:
+            return former
+        self._remove(name)
+        return None
 
     @property
     def shapes(self) -> dict[str, Shape]:
@@ -142,12 +168,16 @@ class Drawn:
         with self._lock:
             return dict(self._shapes)
 
-    def draw(self, placed: Placed) -> None:
-        """Move the shapes to their frames."""
+    def draw(self, placed: Placed, fixed: Transform) -> None:
+        """Move the shapes to their frames; `fixed` is the pose of the fixed frame in the scene of
+        viser.
+        """
         with self._lock:
             for shape in self._shapes.values():
                 row = placed.index.get(shape.frame)
-                if row is not None:
+                if row is not None and shape.at is not None:
+                    shape.node.position = fixed.apply(placed.pose(row).apply(shape.at))
+                elif row is not None:
                     shape.node.position = placed.xyz[row]
                     shape.node.wxyz = placed.quat_wxyz[row]
                 if shape.node.visible != (row is not None):

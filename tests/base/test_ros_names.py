@@ -16,27 +16,27 @@ from tfbus.compat import tf2_ros
 
 CALLS: dict[str, tuple[Callable[[Node], Any], str]] = {
     "sendTransform": (
-        lambda node: TransformBroadcaster(node).sendTransform,  # type: ignore[attr-defined]
+        lambda node: TransformBroadcaster(node).sendTransform,
         "send_transform",
     ),
     "lookupTransform": (
-        lambda node: Buffer().lookupTransform,  # type: ignore[attr-defined]
+        lambda node: Buffer().lookupTransform,
         "buffer.lookup_transform",
     ),
     "lookupTransform of a listener": (
-        lambda node: TransformListener(Buffer(), node).lookupTransform,  # type: ignore[attr-defined]
+        lambda node: TransformListener(Buffer(), node).lookupTransform,
         "buffer.lookup_transform",
     ),
     "timeout": (
-        lambda node: Buffer().lookup_transform("a", "b", 0, timeout=1.0),  # type: ignore[call-arg]
+        lambda node: Buffer().lookup_transform("a", "b", 0, timeout=1.0),
         "buffer.lookup_transform.*timeout_s=",
     ),
     "a fourth argument": (
-        lambda node: Buffer().can_transform("a", "b", 0, 1.0),  # type: ignore[call-arg]
+        lambda node: Buffer().can_transform("a", "b", 0, 1.0),
         "buffer.can_transform.*timeout_s=",
     ),
     "header": (
-        lambda node: TransformStamped(0, "a", "b", Transform()).header,  # type: ignore[attr-defined]
+        lambda node: TransformStamped(0, "a", "b", Transform()).header,
         "stamp_ns",
     ),
 }
@@ -57,18 +57,18 @@ def test_the_log_of_a_callback_has_our_call(bus: Bus) -> None:
     written = StringIO()
     node = bus.node("a")
     node.log.addHandler(logging.StreamHandler(written))
-    node.create_timer(0.1, lambda: TransformBroadcaster(node).sendTransform)  # type: ignore[attr-defined]
+    node.create_timer(0.1, lambda: TransformBroadcaster(node).sendTransform)
     bus.network.run(until=lambda: "\nuse: send_transform(" in written.getvalue())
 
 
 @pytest.mark.parametrize(
     "attempt",
     [
-        lambda: Buffer().lookupTransfrom,  # type: ignore[attr-defined]
-        lambda: Buffer().lookup_transform("a"),  # type: ignore[call-arg]
-        lambda: tf2_ros.Buffer().lookupTransform,  # type: ignore[attr-defined]
-        lambda: object().sendTransform,  # type: ignore[attr-defined]
-        lambda: TransformBroadcaster(),  # type: ignore[call-arg]
+        lambda: Buffer().lookupTransfrom,
+        lambda: Buffer().lookup_transform("a"),
+        lambda: tf2_ros.Buffer().lookupTransform,
+        lambda: object().sendTransform,
+        lambda: TransformBroadcaster(),
     ],
 )
 def test_other_errors_stay_as_they_are(attempt: Callable[[], Any]) -> None:

@@ -1,5 +1,6 @@
 """Browsers with their cameras, as viser has them. Not a test itself."""
 
+import math
 from types import SimpleNamespace
 from typing import Any
 
@@ -8,7 +9,9 @@ import numpy as np
 
 def camera(position: tuple[float, float, float], look_at: tuple[float, float, float]) -> Any:
     """A browser's camera in a square window."""
-    return SimpleNamespace(position=np.array(position), look_at=np.array(look_at), aspect=1.0)
+    return SimpleNamespace(
+        position=np.array(position), look_at=np.array(look_at), aspect=1.0, fov=math.radians(75.0)
+    )
 
 
 class Server:

@@ -45,6 +45,25 @@ def test_all_is_shown_from_where_cameras_start() -> None:
     assert other.position.tolist() == [9, 9, 9]
 
 
+def test_a_view_from_above_is_nearly_without_perspective_and_all_ends_it() -> None:
+    """It looks straight down, y up; a focus keeps the direction, another view of all does not."""
+    seen = camera((9.0, 9.0, 9.0), (0.0, 0.0, 0.0))
+    cameras = Cameras(Server(seen))
+    before = seen.fov
+    cameras.show_from_above(0, ARM)
+    assert seen.look_at.tolist() == [8.0, 4.0, 1.0]
+    assert seen.position - seen.look_at == pytest.approx((0, 0, distance_m(seen)), abs=1e-3)
+    assert seen.position[1] < 4.0
+    assert distance_m(seen) * math.tan(seen.fov / 2.0) == pytest.approx(0.5, rel=0.05)
+    assert seen.fov < before / 3.0
+
+    cameras.focus(0, Region(np.zeros(3), 0.25))
+    assert seen.position[2] == pytest.approx(distance_m(seen))
+    assert distance_m(seen) * math.tan(seen.fov / 2.0) == pytest.approx(0.25, rel=0.05)
+    cameras.show(0, ARM)
+    assert seen.fov == before
+
+
 def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
     """They look at the same point, from as far; so do browsers that are opened later."""
     server = Server(camera((8.0, 0.0, 2.0), (8.0, 4.0, 1.0)))

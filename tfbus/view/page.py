@@ -478,6 +478,10 @@ class Page:
             found = around(found, region_of_points(data))
         return around(found, region) if region else found
 
+    def show_from_above(self, client: int) -> None:
+        """Let a browser see all that is drawn, from straight above."""
+        self.cameras.show_from_above(client, self._region_of_all())
+
     def focus(self, client: int) -> str:
         """Let a browser look at the frame that it has selected; why it cannot, "" if it can."""
         name = self._selections.of(client)

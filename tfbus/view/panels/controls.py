@@ -120,18 +120,25 @@ class MovesCameras(Protocol):
     def show_all(self, client: int) -> None:
         """Let the browser see all that is drawn."""
 
+    def show_from_above(self, client: int) -> None:
+        """Let it see the same from straight above."""
+
     def focus(self, client: int) -> str:
         """Let it see the frame that is selected there; why it cannot, "" if it can."""
 
 
 def add_camera_commands(gui: viser.GuiApi, page: MovesCameras) -> None:
     """Add buttons and keys that move the camera of the browser in which they are used: H shows all,
-    F the selected frame; a note of 4 s says why it cannot.
+    T from above, F the selected frame; a note of 4 s says why it cannot.
     """
 
     def on_all(event: Any) -> None:
         if event.client is not None:
             page.show_all(event.client.client_id)
+
+    def on_top(event: Any) -> None:
+        if event.client is not None:
+            page.show_from_above(event.client.client_id)
 
     def on_focus(event: Any) -> None:
         if event.client is None or not (why := page.focus(event.client.client_id)):
@@ -139,17 +146,21 @@ def add_camera_commands(gui: viser.GuiApi, page: MovesCameras) -> None:
         event.client.add_notification("Nothing to look at", why, auto_close_seconds=_NOTE_S)
 
     def on_click(event: Any) -> None:
-        (on_all if buttons.value == _ALL else on_focus)(event)
+        {_ALL: on_all, _TOP: on_top, _SELECTED: on_focus}[buttons.value](event)
 
     buttons = gui.add_button_group(
-        "Look at", (_ALL, _SELECTED), hint="Moves only your camera. Keys: H all, F the selected."
+        "Look at",
+        (_ALL, _TOP, _SELECTED),
+        hint="Moves only your camera. Keys: H all, T all from above, F the selected.",
     )
     buttons.on_click(on_click)
     gui.add_command("Look at all frames", hotkey="H").on_trigger(on_all)
+    gui.add_command("Look at all frames from above", hotkey="T").on_trigger(on_top)
     gui.add_command("Look at the selected frame", hotkey="F").on_trigger(on_focus)
 
 
 _ALL = "All (H)"
+_TOP = "Top (T)"
 _SELECTED = "Selected (F)"
 
 

@@ -99,6 +99,10 @@ _LEAST_HEADING = 0.05
 # viser's default, from top to bottom.
 _FOV_RAD = math.radians(75.0)
 
+# A view from above is from so far away that heights hardly lean outwards; y is up in the picture.
+_FOV_FROM_ABOVE_RAD = math.radians(20.0)
+_FROM_ABOVE = np.array((0.0, -1e-4, 1.0))
+
 
 _NO_MOTION = Transform((0.0, 0.0, 0.0))
 
@@ -154,22 +158,26 @@ class Viewport:
 
 
 def overview(
-    middle: Floats, radius_m: float, aspect: float = 1.0, toward: Floats | None = None
+    middle: Floats,
+    radius_m: float,
+    aspect: float = 1.0,
+    toward: Floats | None = None,
+    fov_rad: float = _FOV_RAD,
 ) -> tuple[Floats, Floats]:
     """The place to look from, and the point to look at, to see a ball whole; `toward` points to the
-    camera.
+    camera, whose picture is `fov_rad` high.
 
     In a window much higher than wide the ball is in the upper half, above the panel.
     """
     toward = _FROM if toward is None else toward
-    distance_m = radius_m / math.sin(_FOV_RAD / 2.0) / min(1.0, aspect)
+    distance_m = radius_m / math.sin(fov_rad / 2.0) / min(1.0, aspect)
     if aspect >= _NARROW:
         return middle + distance_m * toward, middle
     # Upwards in the picture; from straight above, along y.
     up = np.array((0.0, 0.0, 1.0)) - toward[2] * toward
     size = float(np.linalg.norm(up))
     up = up / size if size > 1e-6 else np.array((0.0, 1.0, 0.0))
-    look_at = middle - up * (0.5 * distance_m * math.tan(_FOV_RAD / 2.0))
+    look_at = middle - up * (0.5 * distance_m * math.tan(fov_rad / 2.0))
     return look_at + distance_m * toward, look_at
 
 
@@ -288,7 +296,16 @@ class Cameras:
         if handle := self._server.get_clients().get(client):
             self._show(client, handle.camera, region)
 
+    def show_from_above(self, client: int, region: Region) -> None:
+        """Let one browser see this ball whole from straight above, nearly without perspective."""
+        if handle := self._server.get_clients().get(client):
+            seen, camera = self._in_scene(region), handle.camera
+            camera.fov = _FOV_FROM_ABOVE_RAD
+            above = self.fixed.rotate(_FROM_ABOVE)
+            _move(camera, *overview(seen.middle, seen.radius_m, _aspect(camera), above, camera.fov))
+
     def _show(self, number: int, camera: Any, region: Region) -> None:
+        camera.fov = _FOV_RAD
         _move(camera, *_overview(self._in_scene(region), _aspect(camera)))
         self._put_at[number].append(np.array(camera.position))
 
@@ -303,9 +320,11 @@ class Cameras:
         camera = handle.camera
         away = self.fixed.inverse().rotate(camera.position - camera.look_at)
         distance_m = float(np.linalg.norm(away))
-        near_m = distance_m * math.sin(_FOV_RAD / 2.0) * min(1.0, _aspect(camera))
+        near_m = distance_m * math.sin(camera.fov / 2.0) * min(1.0, _aspect(camera))
         radius_m = min(region.radius_m, near_m)
-        position, look_at = overview(region.middle, radius_m, _aspect(camera), away / distance_m)
+        position, look_at = overview(
+            region.middle, radius_m, _aspect(camera), away / distance_m, camera.fov
+        )
         _move(camera, self.fixed.apply(position), self.fixed.apply(look_at))
 
     def carry(self, moved: Transform) -> None:

@@ -1,5 +1,6 @@
 """Texts of markers: their colour and size, and that they face each browser where they belong."""
 
+from io import BytesIO
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -11,6 +12,8 @@ from tfbus import Transform
 from tfbus.messages import ColorRGBA, Marker, Vector3
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
+
+import trimesh
 
 from tfbus.view.data.markers import item_of
 from tfbus.view.data.shapes import Text
@@ -31,6 +34,10 @@ class Scene:
         node = SimpleNamespace(name=path, rgba=rgba, remove=lambda: self.there.pop(path), **shape)
         self.there[path] = node
         return node
+
+    def add_glb(self, path: str, model: bytes, **shape: Any) -> Any:
+        """As viser's."""
+        return self.add_image(path, model, **shape)
 
     def add_label(self, path: str, text: str, **shape: Any) -> Any:
         """As viser's."""
@@ -90,6 +97,20 @@ def test_a_text_faces_each_browser_where_its_place_is_in_that_picture(letters: s
             [node] = server.clients[number].scene.there.values()
             np.testing.assert_allclose(node.position, moved.apply(at.xyz))
             assert tuple(node.wxyz) == wxyz
+
+
+def test_the_clear_parts_of_a_text_hide_nothing() -> None:
+    """An opaque text is a model without them, of the size of the picture."""
+    server = server_of((1.0, 0.0, 0.0, 0.0))
+    Texts(server).draw({"a": (Text("H", 0.2, ORANGE), Transform())}, Transform())
+    [node] = server.clients[0].scene.there.values()
+    [mesh] = trimesh.load(BytesIO(node.rgba), file_type="glb").geometry.values()
+    assert mesh.visual.material.alphaMode == "MASK"
+    picture = picture_of_text("H", ORANGE)
+    assert picture is not None
+    height_px, width_px = picture.rgba.shape[:2]
+    wanted = np.array((width_px, height_px, 0)) * 0.2 / picture.letter_px
+    np.testing.assert_allclose(mesh.extents, wanted, atol=1e-6)
 
 
 def test_a_text_that_stays_is_kept_and_one_that_is_gone_removed() -> None:

@@ -10,9 +10,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+import trimesh
 import viser
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
+from trimesh.exchange.gltf import export_glb
+from trimesh.visual.material import PBRMaterial
+from trimesh.visual.texture import TextureVisuals
 
 from tfbus.geometry.transform import Transform
 from tfbus.view.data.shapes import Text
@@ -28,6 +32,10 @@ _MOST_PX = 2048
 
 # Fonts that have more letters than the one that Pillow brings.
 _FONTS = ("DejaVuSans.ttf", "NotoSans-Regular.ttf", "Arial.ttf")
+
+# Less is clear, and light does not change the colours: in the words of glTF.
+_LEAST_ALPHA = 0.4
+_UNLIT = "KHR_materials_unlit"
 
 # Darker colours have a light line around them.
 _DARK = 110.0
@@ -87,14 +95,21 @@ class Texts:
                 anchor="center-center",
             )
             return _Face(text, handle)
+        height_m, width_m = (
+            size_px * text.height_m / picture.letter_px for size_px in picture.rgba.shape[:2]
+        )
+        # Browsers change a picture without a flicker, and load a model again.
+        if text.opacity == 1.0 and former is None:
+            model = model_of(picture.rgba, width_m, height_m)
+            handle = scene.add_glb(path, model, cast_shadow=False, receive_shadow=False)
+            return _Face(text, handle)
         rgba = picture.rgba.copy()
         rgba[..., 3] = (rgba[..., 3] * text.opacity).astype(np.uint8)
-        pixel_m = text.height_m / picture.letter_px
         handle = scene.add_image(
             path,
             rgba,
-            render_width=rgba.shape[1] * pixel_m,
-            render_height=rgba.shape[0] * pixel_m,
+            render_width=width_m,
+            render_height=height_m,
             format="png",
             cast_shadow=False,
             receive_shadow=False,
@@ -139,6 +154,36 @@ def picture_of_text(text: str, rgb: tuple[int, int, int]) -> TextPicture | None:
     whole_px = shown.width
     shown.thumbnail((_MOST_PX, _MOST_PX))
     return TextPicture(np.asarray(shown), float(below - above) * shown.width / whole_px)
+
+
+def model_of(rgba: NDArray[np.uint8], width_m: float, height_m: float) -> bytes:
+    """A glTF of a picture (H, W, 4), its middle at the origin, x to the right and y down.
+
+    Browsers leave its clear parts out: those of an image of viser hide the map below it.
+    """
+    corners = np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)]) / 2.0
+    material = PBRMaterial(  # type: ignore[no-untyped-call]  # trimesh leaves it untyped
+        baseColorTexture=Image.fromarray(rgba),
+        alphaMode="MASK",
+        alphaCutoff=_LEAST_ALPHA,
+        doubleSided=True,
+    )
+    mesh = trimesh.Trimesh(
+        corners * (width_m, height_m, 0.0),
+        [(0, 2, 1), (0, 3, 2)],
+        visual=TextureVisuals(  # type: ignore[no-untyped-call]  # the same
+            uv=[(0, 1), (1, 1), (1, 0), (0, 0)], material=material
+        ),
+        process=False,
+    )
+
+    def unlit(tree: dict[str, Any]) -> None:
+        tree["extensionsUsed"] = [_UNLIT]
+        for each in tree["materials"]:
+            each["extensions"] = {_UNLIT: {}}
+
+    scene = trimesh.Scene(mesh)
+    return bytes(export_glb(scene, tree_postprocessor=unlit))  # type: ignore[no-untyped-call]
 
 
 @lru_cache(maxsize=1)

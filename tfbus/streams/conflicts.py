@@ -248,8 +248,9 @@ class Claims:
                     resolutions.setdefault(each, Resolution(set(), set())).accepted.add(child)
                 continue
             first = self._firsts.get(child)
-            concerned = first, stream, self._displaced.get(child)
-            for name in (each for each in claims if each in concerned):
+            # Not a loop over the claims: thousands of streams may list the frame.
+            concerned = dict.fromkeys((first, stream, self._displaced.get(child)))
+            for name in (each for each in concerned if each is not None and each in claims):
                 resolution = resolutions.setdefault(name, Resolution(set(), set()))
                 resolution.accepted.discard(child)
                 (resolution.accepted if name == first else resolution.rejected).add(child)

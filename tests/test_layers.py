@@ -7,11 +7,10 @@ import sys
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+from tests.sources import ROOT, source_of
 
 # Lowest first. A package imports packages of lower storeys, and none of its own storey. A
 # folder of a package that is listed here is a room of its own.
@@ -51,37 +50,9 @@ def package_of(path: Path) -> str:
     return room_of(".".join(path.relative_to(ROOT / "tfbus").with_suffix("").parts))
 
 
-class Imports(NamedTuple):
-    """What a file imports, anywhere in it."""
-
-    absolute: frozenset[str]  # dotted names
-    is_relative: bool
-
-
-@cache
-def imports_of(path: Path) -> Imports:
-    """The imports of a file, which is read once."""
-    absolute: set[str] = set()
-    is_relative = False
-    statements: list[ast.AST] = [ast.parse(path.read_text())]
-    while statements:
-        node = statements.pop()
-        if isinstance(node, ast.Import):
-            absolute |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            is_relative |= node.level > 0
-            if not node.level:
-                absolute |= {f"{node.module}.{alias.name}" for alias in node.names}
-        else:  # statements only: no expression has an import
-            for part in ("body", "orelse", "handlers", "finalbody", "cases"):
-                inner = getattr(node, part, ())
-                statements += inner if isinstance(inner, list) else ()
-    return Imports(frozenset(absolute), is_relative)
-
-
 def imports(path: Path) -> frozenset[str]:
     """Every dotted name that a file imports absolutely, anywhere in it."""
-    return imports_of(path).absolute
+    return source_of(path).imports
 
 
 def packages_used(path: Path) -> set[str]:
@@ -108,7 +79,7 @@ def test_every_package_has_a_storey_and_says_its_job() -> None:
     """Each package stands on one storey; its __init__.py says its job in one sentence."""
     assert {package_of(path) for path in sources("tfbus")} == {*RANK, "__init__", "__main__"}
     for folder in {path.parent for path in LIBRARY} - {ROOT / "tfbus"}:
-        said = ast.get_docstring(ast.parse((folder / "__init__.py").read_text()))
+        said = source_of(folder / "__init__.py").docstrings[0]
         assert said and len(said.split("\n\n")[0].splitlines()) <= 2, folder
 
 
@@ -123,7 +94,7 @@ def test_imports_point_downwards() -> None:
         own, used = package_of(path), packages_used(path)
         upward |= {(path, other) for other in used - {own} if RANK.get(other, 99) >= RANK[own]}
         own_names |= {(path, other) for other in used - {*RANK, "nodes"}}
-        if path.suffix == ".py" and imports_of(path).is_relative:
+        if path.suffix == ".py" and source_of(path).is_relative:
             relative.add(path)
     assert own_names == set(), "the library does not import tfbus's own public names"
     assert upward == set()
@@ -338,7 +309,17 @@ def test_nodes_use_public_names_only() -> None:
             assert leaf in getattr(package, "__all__", vars(package)), (path, name)
 
 
+# All import statements, and lines of texts that look like one.
+_IMPORT = re.compile(r"^\s*(?:from|import)\s[^\n(]*(?:\([^)]*)?", re.M)
+
+
 def test_no_test_imports_another() -> None:
     """What several tests share stands in a module of its own, such as tests/builders.py."""
-    used = {(path.name, name) for path in sources("tests") for name in imports(path)}
+    # To parse them all takes seconds.
+    paths = [
+        path
+        for path in sources("tests")
+        if any("test_" in found for found in _IMPORT.findall(path.read_text()))
+    ]
+    used = {(path.name, name) for path in paths for name in imports(path)}
     assert not {pair for pair in used if pair[1].startswith("tests.") and ".test_" in pair[1]}

@@ -1,13 +1,12 @@
 """Words in the sentences that people read: of programs, and in docstrings and pages."""
 
-import ast
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
-from pathlib import Path
 
 import pytest
 
+from tests.sources import ROOT, source_of
 from tfbus.base.wording import (
     age,
     columns,
@@ -112,8 +111,6 @@ def test_stamps_have_nine_digits_of_nanoseconds(stamp_ns: int, text: str) -> Non
     assert stamp_text(stamp_ns) == text
 
 
-ROOT = Path(__file__).parents[1]
-
 # In a thousand words. The goal is 2, 0.5 and 2: lower these as they are reached, never raise them.
 MOST_IN_DOCSTRINGS = {"where": 1.8, "those": 3.4, "what": 5.0}
 MOST_IN_PAGES = {"where": 2.0, "those": 2.0, "what": 4.5}
@@ -128,11 +125,8 @@ _CODE = re.compile(r"^```.*?^```|<!--.*?-->|`[^`]*`|\]\([^)]*\)", re.M | re.S)
 @cache
 def docstrings() -> str:
     """All docstrings of the library and its nodes."""
-    found: list[str] = []
-    for path in [*(ROOT / "tfbus").rglob("*.py"), *(ROOT / "nodes").rglob("*.py")]:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                found.append(ast.get_docstring(node) or "")
+    paths = [*(ROOT / "tfbus").rglob("*.py"), *(ROOT / "nodes").rglob("*.py")]
+    found = [each for path in paths for each in source_of(path).docstrings]
     return _CODE.sub("x", "\n\n".join(found))
 
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import pytest
 
-from tests.builders import S
+from tests.builders import S, examples
 from tests.recordings import at, described, publisher, sent, write
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
@@ -192,7 +192,7 @@ def commands(seed: int) -> list[tuple[float, Command]]:
 
 
 @pytest.mark.parametrize("at_end", ["wait", "loop"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(examples(6)))
 def test_the_same_commands_lead_to_the_same_times(
     path: Path, seed: int, at_end: AtEnd, monkeypatch: pytest.MonkeyPatch
 ) -> None:

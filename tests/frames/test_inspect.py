@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from tests.builders import examples
 from tests.buses import DEADLINE_S, eventually, keep_sending, send_static
 from tests.needs import module
 from tests.processes.sim_time import follower, start_clock
@@ -67,7 +68,7 @@ class Robots:
             keep_sending(node, parent, child)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(examples(6)))
 def test_a_moment_is_the_same_live_and_recorded(bus: Bus, tmp_path: Path, seed: int) -> None:
     """Whatever came and went: frames, states, publishers, conflicts, problems, nodes, topics."""
     module("mcap")

@@ -8,6 +8,8 @@ import queue
 import random
 import sched
 import secrets
+import select
+import selectors
 import signal
 import socket
 import subprocess
@@ -18,6 +20,7 @@ import uuid
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from time import perf_counter, sleep
 from types import ModuleType
@@ -54,6 +57,13 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "pause": (lambda: signal.pause(), "a wait for a signal .* node.spin"),
     "sigwait": (lambda: signal.sigwait([15]), "a wait for a signal .* node.spin"),
+    "select": (lambda: select.select([], [], [], 1.0), "a wait for files .* time.sleep"),
+    "poll": (lambda: select.poll().poll(1000), "a wait for files .* time.sleep"),
+    "selectors": (
+        lambda: selectors.DefaultSelector().select(1.0),
+        "a wait for files .* time.sleep",
+    ),
+    "a bound system": (lambda: _system(), "a process of the system .* network.program"),
     "bare thread": (
         lambda: _thread.start_new_thread(print, ()),
         "a thread of _thread.start_new_thread .* threading.Thread",
@@ -149,10 +159,29 @@ def _turn_a_loop() -> None:
 # Made and bound as modules do it, before any simulation.
 _GO = threading.Event()
 _WORK: queue.Queue[int] = queue.Queue()
+_LOCK, _AGAIN = threading.Lock(), threading.RLock()
+_GATE = threading.Lock()
+_GATE.acquire()
+_CHANGED = threading.Condition(_LOCK)
+_FLAG = threading.Condition()
+_NAPS = {"long": time.sleep}
+_nap = partial(time.sleep, 1.0)
+_system = partial(os.system, "true")
 
 
 class _OwnCondition(threading.Condition):
     """A class of the user's own."""
+
+
+class _Arm:
+    rest = partial(time.sleep, 1.0)
+
+    def __init__(self) -> None:
+        self.lock = threading.Lock()
+        self.nap = time.sleep
+
+
+_ARM = _Arm()
 
 
 @dataclass
@@ -195,6 +224,45 @@ def _use_bound_names() -> None:
     assert _Sighting().at_s - begun_s == pytest.approx(2.0, abs=0.01)
 
 
+def _hold(lock: Any, seconds: float) -> None:
+    """Another thread waits for a lock of a module as long as this one holds it."""
+
+    def wait() -> None:
+        assert not lock.acquire(timeout=0.5 * seconds)
+        assert not lock.acquire(blocking=False)
+        with lock:
+            pass
+
+    with lock:
+        waiting = threading.Thread(target=wait)
+        waiting.start()
+        sleep(seconds)
+    waiting.join()
+
+
+def _pass_a_gate() -> None:
+    threading.Thread(target=lambda: [sleep(2.0), _GATE.release()]).start()
+    assert _GATE.locked()
+    _GATE.acquire()
+
+
+def _contend_for_a_condition(condition: threading.Condition, lock: Any) -> None:
+    def change() -> None:
+        with lock:
+            sleep(1.0)
+            condition.notify_all()
+
+    threading.Thread(target=change).start()
+    with condition:
+        assert condition.wait()
+        assert not condition.wait(1.0)
+
+
+def _use_bound_naps(nap: Callable[[], object] = _nap) -> None:
+    nap()
+    _Arm.rest()
+
+
 def _schedule() -> None:
     plan = sched.scheduler()
     plan.enter(2.0, 1, int)
@@ -221,6 +289,15 @@ VIRTUAL: dict[str, Callable[[], object]] = {
     "a queue of a module": _wait_for_a_queue_of_the_module,
     "a derived condition": _wait_for_a_derived_condition,
     "bound names": _use_bound_names,
+    "a bound partial": _use_bound_naps,
+    "a name in a dict": lambda: _NAPS["long"](2.0),
+    "a name in an object": lambda: _ARM.nap(2.0),
+    "a lock of a module": lambda: _hold(_LOCK, 2.0),
+    "a reentrant lock of a module": lambda: _hold(_AGAIN, 2.0),
+    "a lock of an object": lambda: _hold(_ARM.lock, 2.0),
+    "a lock that a module has taken": _pass_a_gate,
+    "a condition of a module": lambda: _contend_for_a_condition(_FLAG, _FLAG),
+    "a condition by a lock of a module": lambda: _contend_for_a_condition(_CHANGED, _LOCK),
     "sched": _schedule,
     "a signal in asyncio": lambda: asyncio.run(_until_a_signal()),
 }
@@ -239,8 +316,9 @@ def test_all_is_real_again_after_the_network() -> None:
     """All that a simulation replaces is Python's own before and after it."""
 
     def names() -> tuple[object, ...]:
-        bound = sleep, _Robot.nap, _Robot.__init__.__defaults__, random.getstate()
-        return *bound, time.time, asyncio.new_event_loop, threading.Thread.start, os.fork
+        bound = sleep, _Robot.nap, _Robot.__init__.__defaults__, random.getstate(), _nap.func
+        locks = _LOCK, _AGAIN, _ARM.lock, _CHANGED._lock, _FLAG._lock  # type: ignore[attr-defined]
+        return *bound, *locks, time.time, asyncio.new_event_loop, threading.Thread.start, os.fork
 
     before = names()
     with Network():
@@ -249,6 +327,8 @@ def test_all_is_real_again_after_the_network() -> None:
     thread = threading.Thread(target=print)
     thread.start()
     thread.join()
+    with _FLAG:
+        assert not _FLAG.wait(0.0)
 
 
 def _draw() -> list[object]:

@@ -1,17 +1,80 @@
-"""Names of Python's own that modules have bound before a simulation replaces them.
+"""Names of Python's own that modules have bound before a simulation replaces them, and their locks.
 
 By `from time import sleep`, as the default of an argument (`clock=time.monotonic`), as an attribute
-of a class, or in a closure, as the factories of a dataclass are.
+of a class or of an object of its own, in a dict, in a `partial`, or in a closure, as the factories
+of a dataclass are.
 """
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import partial
+from operator import is_
+from threading import Condition
 from types import FunctionType
 from typing import Any
 
-# By the identity of a value: it, and the one in its place.
-Replaced = Mapping[int, tuple[Any, Any]]
+
+class Replaced:
+    """Values, and the ones in their places.
+
+    They are given in `pairs`, or made when one is met: for a lock by `locks`, by its type; for a
+    condition or a `partial` that has any of these, another one.
+    """
+
+    def __init__(
+        self, pairs: Iterable[tuple[Any, Any]], locks: Mapping[type, Callable[[Any], Any]]
+    ) -> None:
+        # By the identity of a value: it, and the one in its place.
+        self._pairs = {id(value): (value, other) for value, other in pairs}
+        self._locks = locks
+        self._kinds = {*locks, Condition, partial}
+
+    def has_any(self, values: Collection[Any]) -> bool:
+        """Whether another value may take the place of one of these."""
+        is_none = self._pairs.keys().isdisjoint(map(id, values))
+        return not (is_none and self._kinds.isdisjoint(map(type, values)))
+
+    def has(self, value: Any) -> bool:
+        """Whether another value may take the place of this one."""
+        return id(value) in self._pairs or type(value) in self._kinds
+
+    def other(self, value: Any) -> Any:
+        """The value in the place of this one: another, or itself."""
+        if id(value) not in self._pairs:
+            other = self._made(value)
+            if other is value:
+                return value
+            self._pairs[id(value)] = value, other
+        return self._pairs[id(value)][1]
+
+    def undone(self) -> "Replaced":
+        """The same the other way round."""
+        return Replaced(
+            ((other, value) for value, other in self._pairs.values()),
+            dict.fromkeys(self._locks, lambda lock: lock),
+        )
+
+    def _made(self, value: Any) -> Any:
+        kind = type(value)
+        if kind is Condition:
+            lock = self.other(value._lock)
+            return value if lock is value._lock else Condition(lock)
+        if kind is partial:
+            return self._made_partial(value)
+        return self._locks[kind](value) if kind in self._locks else value
+
+    def _made_partial(self, value: "partial[Any]") -> "partial[Any]":
+        before = value.func, *value.args, *value.keywords.values()
+        after = [*map(self.other, before)]
+        if all(map(is_, before, after)):
+            return value
+        func, *args = after[: 1 + len(value.args)]
+        named = dict(zip(value.keywords, after[1 + len(args) :], strict=True))
+        made = partial(func, *args, **named)
+        vars(made).update(vars(value))
+        return made
+
+
 # Replaces the values of one place that has some of them.
 _Swap = Callable[[Replaced], object]
 
@@ -76,35 +139,51 @@ _searched = _Searched()
 
 
 def _of_module(module: Any, namespace: dict[str, Any], replaced: Replaced) -> Iterator[_Swap]:
+    own = namespace.get("__name__")
     for name, value in list(namespace.items()):
         # By its type: a value may stand for a package that is missing, and raise if it is asked.
         kind = type(value)
-        if id(value) in replaced:
+        if replaced.has(value):
             yield partial(_swap_attribute, module, name)
-        elif kind is FunctionType and value.__module__ == namespace.get("__name__"):
+        elif kind is FunctionType and value.__module__ == own:
             yield from _of_function(value, replaced)
-        elif issubclass(kind, type) and value.__module__ == namespace.get("__name__"):
+        elif issubclass(kind, type) and value.__module__ == own:
             yield from _of_class(value, replaced)
+        elif kind is dict:
+            yield from _of_items(value, replaced)
+        elif kind.__module__ == own:
+            yield from _of_items(_attributes_of(value), replaced)
 
 
 def _of_class(owner: type, replaced: Replaced) -> Iterator[_Swap]:
     for name, value in list(vars(owner).items()):
         kind = type(value)
-        if id(value.__func__ if kind in (staticmethod, classmethod) else value) in replaced:
+        if replaced.has(value.__func__ if kind in (staticmethod, classmethod) else value):
             yield partial(_swap_attribute, owner, name)
         elif kind is FunctionType:
             yield from _of_function(value, replaced)
 
 
 def _of_function(function: FunctionType, replaced: Replaced) -> Iterator[_Swap]:
-    if any(id(value) in replaced for value in function.__defaults__ or ()):
+    if replaced.has_any(function.__defaults__ or ()):
         yield partial(_swap_defaults, function)
-    named = function.__kwdefaults__ or {}
-    if any(id(value) in replaced for value in named.values()):
-        yield partial(_swap_items, named)
+    yield from _of_items(function.__kwdefaults__ or {}, replaced)
     for cell in function.__closure__ or ():
-        if _is_full(cell) and id(cell.cell_contents) in replaced:
+        if _is_full(cell) and replaced.has(cell.cell_contents):
             yield partial(_swap_cell, cell)
+
+
+def _of_items(items: dict[Any, Any], replaced: Replaced) -> Iterator[_Swap]:
+    if replaced.has_any(items.values()):
+        yield partial(_swap_items, items)
+
+
+def _attributes_of(value: Any) -> dict[str, Any]:
+    try:
+        attributes: dict[str, Any] = object.__getattribute__(value, "__dict__")
+    except AttributeError:
+        return {}
+    return attributes
 
 
 def _is_full(cell: Any) -> bool:
@@ -114,28 +193,27 @@ def _is_full(cell: Any) -> bool:
         return False
 
 
-def _other(value: Any, replaced: Replaced) -> Any:
-    """The value in the place of this one: another, or itself."""
-    return replaced.get(id(value), (value, value))[1]
-
-
 def _swap_attribute(owner: Any, name: str, replaced: Replaced) -> None:
     held = vars(owner).get(name)
     value = held.__func__ if isinstance(held, staticmethod) else held
-    other = _other(value, replaced)
+    other = replaced.other(value)
     if other is not value:
         # Of a class only a method may take the instance as its argument.
-        is_bare = isinstance(held, FunctionType) or not isinstance(owner, type)
+        is_as_before = type(held) is type(other) or not callable(other)
+        is_bare = is_as_before or not isinstance(owner, type)
         setattr(owner, name, other if is_bare else staticmethod(other))
 
 
 def _swap_defaults(function: FunctionType, replaced: Replaced) -> None:
-    function.__defaults__ = tuple(_other(each, replaced) for each in function.__defaults__ or ())
+    function.__defaults__ = tuple(map(replaced.other, function.__defaults__ or ()))
 
 
-def _swap_items(named: dict[str, Any], replaced: Replaced) -> None:
-    named.update({name: _other(value, replaced) for name, value in named.items()})
+def _swap_items(items: dict[Any, Any], replaced: Replaced) -> None:
+    for name, value in list(items.items()):
+        other = replaced.other(value)
+        if other is not value:
+            items[name] = other
 
 
 def _swap_cell(cell: Any, replaced: Replaced) -> None:
-    cell.cell_contents = _other(cell.cell_contents, replaced)
+    cell.cell_contents = replaced.other(cell.cell_contents)

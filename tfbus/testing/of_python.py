@@ -4,7 +4,8 @@ A program under test reads `time.time()`, starts a `threading.Thread` or waits f
 in a simulated process these are the simulation's, also if they were bound before
 (`from time import sleep`).
 Outside of its tasks, and for locks and programs of a module that is being imported, they stay
-Python's own: matplotlib asks a program for the fonts. Any other call that cannot be simulated is
+Python's own: matplotlib asks a program for the fonts. Locks that modules have made before are the
+simulation's, too. Any other call that cannot be simulated is
 refused.
 `datetime.now()` tells the real time.
 """
@@ -15,6 +16,8 @@ import atexit
 import os
 import queue
 import random
+import select
+import selectors
 import shlex
 import signal
 import socket
@@ -31,7 +34,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import zenoh
 
 from tfbus.testing import primitives
-from tfbus.testing.bound_names import rebind
+from tfbus.testing.bound_names import Replaced, rebind
+from tfbus.testing.module_locks import locks_of_modules
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 if TYPE_CHECKING:
@@ -53,6 +57,8 @@ def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
         (signal, ("pthread_kill",), _end),
         (signal, ("alarm", "setitimer"), _alarm),
         (signal, ("pause", "sigtimedwait", "sigwait", "sigwaitinfo"), _signal_wait),
+        (select, ("devpoll", "epoll", "kqueue", "poll", "select"), _file_wait),
+        (selectors._BaseSelectorImpl, ("__init__",), _file_wait),
         (_thread, ("start_new_thread",), _thread_start),
         (zenoh, ("open", "scout"), _session),
     ):
@@ -102,6 +108,11 @@ _signal_wait = _refusing(
     "node.spin() wait, or threading.Event().wait()"
 )
 
+_file_wait = _refusing(
+    "a wait for files or sockets cannot be simulated: it takes real time. Use time.sleep, a topic "
+    "or a service"
+)
+
 _thread_start = _refusing(
     "a thread of _thread.start_new_thread cannot be simulated: it runs in real time. Use "
     "threading.Thread"
@@ -118,18 +129,19 @@ def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
     """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
     refused; `names` are those of the scheduler.
     """
-    replaced: dict[int, tuple[Any, Any]] = {}
+    pairs: list[tuple[Any, Any]] = []
     with ExitStack() as stack:
         for owner, name, stand_in in _stand_ins(table, names):
             real = getattr(owner, name)
-            replaced[id(real)] = real, stand_in
+            pairs.append((real, stand_in))
             setattr(owner, name, stand_in)
             stack.callback(setattr, owner, name, real)
+        replaced = Replaced(pairs, locks_of_modules(table.tasks))
         rebind(replaced)
         try:
             yield
         finally:
-            rebind({id(stand_in): (stand_in, real) for real, stand_in in replaced.values()})
+            rebind(replaced.undone())
 
 
 def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:

@@ -239,6 +239,40 @@ def test_names_that_a_module_has_bound_are_virtual(monkeypatch: pytest.MonkeyPat
         assert [getattr(module, name) for name in bound] == [names[name] for name in bound]
 
 
+def _camera() -> None:
+    with tfbus.Node("camera") as node:
+        broadcaster = tfbus.TransformBroadcaster(node)
+
+        def send() -> None:
+            lens = tfbus.TransformStamped(node.now_ns(), "world", "lens", tfbus.Transform())
+            broadcaster.send_transform(lens)
+
+        node.create_timer(0.1, send)
+        node.spin()
+
+
+def test_an_installed_command_is_a_program(network: Network) -> None:
+    """A tool of `tfbus` sees the nodes of other hosts, after its restart, too."""
+    robot, base = network.host("robot"), network.host("base")
+    network.start(robot, "camera", _camera)
+    network.run(1.0)
+    checks = network.program(base, "tfbus", "frames", "--check", "--json")
+    assert checks.wait() == 0
+    assert '"lens"' in checks.stdout
+    echo = network.program(base, "tfbus", "echo", "world", "lens")
+    echo.wait_for_line("Translation")
+    again = network.restart("base/tfbus").program
+    assert again is not None
+    again.wait_for_line("Translation")
+    assert again.stop() == 0
+
+
+def test_a_command_that_is_not_installed_is_refused(network: Network) -> None:
+    """The error says what may be given, and the name that may be meant."""
+    with pytest.raises(SimulationError, match="no command 'tfbuss'.* did you mean 'tfbus'"):
+        network.program("outside", "tfbuss", "frames")
+
+
 def _fail() -> None:
     raise ImportError("no module named 'camera'")
 

@@ -22,7 +22,7 @@ from tfbus.testing.links import Paths
 from tfbus.testing.of_python import random_numbers_of, standing_in
 from tfbus.testing.primitives import scheduler_names
 from tfbus.testing.processes import OUTSIDE, START_NS, Host, Process, ProcessTable
-from tfbus.testing.programs import Program, module_of
+from tfbus.testing.programs import Program, main_of_command, module_of
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 # How often a condition is looked at while the network runs.
@@ -145,7 +145,7 @@ class Network:
     def program(
         self,
         host: Host | str,
-        main: Callable[[], object],
+        main: Callable[[], object] | str,
         *arguments: str,
         name: str = "",
         env: Mapping[str, str] | None = None,
@@ -156,7 +156,10 @@ class Network:
         """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
         of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
         and exit code of its own. In a terminal, or merged, it writes its errors with its output.
+        `main` may be an installed command, such as "tfbus". Raises SimulationError for others.
         """
+        if isinstance(main, str):
+            name, main = name or main, main_of_command(main)
         _check_plain("main", main)
         for each in arguments:
             if not isinstance(each, str):

@@ -6,9 +6,11 @@ import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from importlib.metadata import entry_points
 from signal import SIGINT
 from typing import TYPE_CHECKING, Any
 
+from tfbus.base.wording import did_you_mean
 from tfbus.testing.tasks import SimulationError, SimulationOver
 
 if TYPE_CHECKING:
@@ -167,6 +169,18 @@ class Program:
 def module_of(main: Callable[..., object]) -> str:
     """The module of a main function, or of the function that a command of click calls."""
     return str(getattr(main, "callback", main).__module__)
+
+
+def main_of_command(command: str) -> Callable[[], object]:
+    """The main function of an installed command. Raises SimulationError if there is none."""
+    commands = entry_points(group="console_scripts")
+    if command not in commands.names:
+        raise SimulationError(
+            f"there is no command {command!r} of an installed Python package: give one, or a main "
+            f"function{did_you_mean(command, commands.names)}"
+        )
+    main: Callable[[], object] = commands[command].load()
+    return main
 
 
 def _of_python() -> tuple[Any, ...]:

@@ -105,6 +105,25 @@ class _Keeper:
         self.asking: AskPages | None = None
         self._prefix = name.rpartition("/")[0] + "/"
 
+    def add(self, gap: _Gap) -> bool:
+        """Take a gap; whether it is one of its own, and no part of others."""
+        # The streams of a robot tell of one outage at slightly different times.
+        begins_ns = gap.lost_ns if gap.stream else gap.from_ns
+        if any(each.from_ns <= begins_ns and gap.until_ns <= each.until_ns for each in self.gaps):
+            return False
+        # The first is being asked for, if one is: it stays as it is.
+        last = self.gaps[-1] if len(self.gaps) > (self.asking is not None) else None
+        # One of which a part has been asked for ends where it was to end then.
+        meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
+        if last is not None and (meets or len(self.gaps) >= _MOST_GAPS):
+            last.from_ns = min(gap.from_ns, last.from_ns)
+            last.lost_ns = min(gap.lost_ns, last.lost_ns)
+            last.until_ns = max(gap.until_ns, last.until_ns)
+            last.stream = gap.stream if gap.stream == last.stream else ""
+            return False
+        self.gaps.append(gap)
+        return True
+
     def has(self, name: str, is_here: bool) -> bool:
         """Whether a stream or node is in its namespace, or below; of one without a namespace those
         of another host.
@@ -253,21 +272,8 @@ class Filling:
 
     def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:
         gap.from_ns = max(gap.from_ns, self._began_ns)
-        # The streams of a robot tell of one outage at slightly different times.
-        begins_ns = gap.lost_ns if gap.stream else gap.from_ns
-        if any(each.from_ns <= begins_ns and gap.until_ns <= each.until_ns for each in keeper.gaps):
+        if not keeper.add(gap):
             return
-        # The first is being asked for, if one is: it stays as it is.
-        last = keeper.gaps[-1] if len(keeper.gaps) > (keeper.asking is not None) else None
-        # One of which a part has been asked for ends where it was to end then.
-        meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
-        if last is not None and (meets or len(keeper.gaps) >= _MOST_GAPS):
-            last.from_ns = min(gap.from_ns, last.from_ns)
-            last.lost_ns = min(gap.lost_ns, last.lost_ns)
-            last.until_ns = max(gap.until_ns, last.until_ns)
-            last.stream = gap.stream if gap.stream == last.stream else ""
-            return
-        keeper.gaps.append(gap)
         length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
         if gap.stream:
             self._log.info(

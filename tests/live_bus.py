@@ -162,7 +162,7 @@ class Bus:
             "COLUMNS": "80",
         }
         self._nodes: list[Node] = []
-        self._processes: list[Process] = []
+        self.processes: list[Process] = []
         meeting_point = NodeSettings("test", config=str(self.quick_config), listen=(self.endpoint,))
         self._meeting_point = Session(meeting_point, logging.getLogger("test"))
 
@@ -194,7 +194,7 @@ class Bus:
     ) -> Process:
         """Any command as a process on this bus that goes on."""
         process = Process(command, {**self.env, **(env or {})}, cwd)
-        self._processes.append(process)
+        self.processes.append(process)
         return process
 
     def run(
@@ -244,7 +244,7 @@ class Bus:
 
     def close(self) -> None:
         """End all that was started on it."""
-        for process in self._processes:
+        for process in self.processes:
             process.kill()
         for node in reversed(self._nodes):
             node.close()

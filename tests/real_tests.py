@@ -63,13 +63,13 @@ class _Guard:
             raise RealThingError(self.found)
 
 
-_guard = _Guard()
-sys.addaudithook(_guard.on_event)
+guard = _Guard()
+sys.addaudithook(guard.on_event)
 
 
 def _guarded(function: Callable[..., Any], what: str) -> Callable[..., Any]:
     def guarded(*args: Any, **named: Any) -> Any:
-        _guard.find(what)
+        guard.find(what)
         return function(*args, **named)
 
     return guarded
@@ -103,19 +103,19 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Watch a test and its fixtures."""
-    _guard.found = ""
-    _guard.test = "" if item.get_closest_marker(MARKER) else item.nodeid
+    guard.found = ""
+    guard.test = "" if item.get_closest_marker(MARKER) else item.nodeid
     try:
         return (yield)
     finally:
-        _guard.test = ""
+        guard.test = ""
 
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> Iterator[None]:
     """After the last test of a file end fixtures of the file, which may be those of real tests."""
     if nextitem is None or nextitem.path != item.path:
-        _guard.test = ""
+        guard.test = ""
     return (yield)
 
 
@@ -123,6 +123,6 @@ def pytest_runtest_teardown(item: pytest.Item, nextitem: pytest.Item | None) -> 
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """Fail a test that has swallowed the error."""
     result = yield
-    if _guard.found:
-        pytest.fail(_guard.found)
+    if guard.found:
+        pytest.fail(guard.found)
     return result

@@ -112,7 +112,7 @@ def main() -> None:
                     failures += 1
                     print(failure, flush=True)
                     if arguments.keep:
-                        _pause(bus._processes[-1])
+                        _pause(bus.processes[-1])
         finally:
             bus.close()
     for how, count in sorted(ends.items()):

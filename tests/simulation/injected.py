@@ -86,10 +86,10 @@ def _tick_once_more(executor: Executor, when_s: float, timer: Timer) -> Any:
 
 
 DEFECTS: dict[str, tuple[_Patch, ...]] = {
-    "an epoch is not compared": ((Epochs, Epochs.judge, _present),),
+    "an epoch is not compared": ((Epochs, _judge, _present),),
     "every other epoch is new": ((Epochs, Epochs.is_outdated, _is_outdated),),
     "a static is not queried again": ((StaticRecovery, StaticRecovery.check, _check_nothing),),
-    "a token is taken for a process": ((StreamWatch, StreamWatch._take_token, _alive_at_once),),
+    "a token is taken for a process": ((StreamWatch, _take_token, _alive_at_once),),
     "a late message undoes a removal": (
         (Listing, Listing.removed_in, _nothing_removed),
         (UnlistedFrames, UnlistedFrames.hear, _hear_nothing),
@@ -97,7 +97,7 @@ DEFECTS: dict[str, tuple[_Patch, ...]] = {
     "a claim is judged by arrival": ((Starts, Starts.start_ns, _by_arrival),),
     "a claim is judged by the last word": ((Claims, Claims._rank, _by_last_word),),
     "a timer is not cancelled": ((Timer, Timer.cancel, _cancel_nothing),),
-    "a timer that is due is not cancelled": ((Executor, Executor._tick, _tick_once_more),),
+    "a timer that is due is not cancelled": ((Executor, _tick, _tick_once_more),),
 }
 
 

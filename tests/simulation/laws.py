@@ -60,7 +60,7 @@ class Laws:
         # Since when a listening and a publishing process are calm, and when each one began to run.
         self._calm_s: dict[tuple[Process, Process], float] = {}
         self._running_s: dict[Process, float] = {}
-        self._died_s: dict[int, float] = {}
+        self.died_s: dict[int, float] = {}
         self._questions: dict[int, _Question] = {}
         self._next_question = 0
         self._heard: dict[tuple[int, str], tuple[int, float]] = {}
@@ -90,7 +90,7 @@ class Laws:
         run, now_s = self._run, self._run.now_s
         for publisher in run.by_number.values():
             if publisher.is_gone:
-                self._died_s.setdefault(publisher.number, now_s)
+                self.died_s.setdefault(publisher.number, now_s)
         living = [each for each in run.by_number.values() if each.is_alive]
         for process in {*run.readers.values(), *(each.process for each in living)}:
             if process is not None:
@@ -251,7 +251,7 @@ class Laws:
         """Whether a listener had the time to know all that the one process of a slot holds."""
         now_s, wait_s = self._run.now_s, LIVES_WITHIN_S * self._patience
         others = [each for each in self._run.publishers[publisher.slot] if each is not publisher]
-        alone_s = max((self._died_s.get(each.number, now_s) for each in others), default=-1e9)
+        alone_s = max((self.died_s.get(each.number, now_s) for each in others), default=-1e9)
         follows = any(self._follows_unseen(publisher, each) for each in others)
         turn_s = _ALONE_FOR_PERIODS * self._run.plan.period_s + wait_s / 2 if follows else 0.0
         assert publisher.process is not None
@@ -269,7 +269,7 @@ class Laws:
 
     def _follows_unseen(self, publisher: Publisher, former: Publisher) -> bool:
         """Whether it was there before the end of another was known, whose epoch may be later."""
-        died_s = self._died_s.get(former.number, self._run.now_s)
+        died_s = self.died_s.get(former.number, self._run.now_s)
         if former.node is None or died_s + GONE_WITHIN_S * self._patience < publisher.began_s:
             return False
         return former.epoch > 0 or former.node.started_ns > publisher.node.started_ns
@@ -295,7 +295,7 @@ class Laws:
             self._heard[key] = count, now_s
         if living or not is_alive or slot not in self._run.publishers:
             return
-        died_s = max(self._died_s.get(each.number, now_s) for each in self._run.publishers[slot])
+        died_s = max(self.died_s.get(each.number, now_s) for each in self._run.publishers[slot])
         running_s = self._running_s.get(part.process, now_s)
         # After a pause of its own a listener gives others time.
         judges_s = running_s + (JUDGES_AFTER_PAUSE_S if running_s > part.began_s else 0.0)
@@ -334,7 +334,7 @@ class Laws:
         if number >= last and (number, newest_ns) != (last, last_ns):
             self._last_seen[key] = number, newest_ns, self._run.now_s
         later = self._run.by_number.get(last)
-        ended_s = self._died_s.get(number, 1e9)
+        ended_s = self.died_s.get(number, 1e9)
         if later is None or number >= last or ended_s > later.began_s:
             return
         text = f"{part.name}: {frame} is of {number} again, which has ended, after {last}"
@@ -429,7 +429,7 @@ class Laws:
             if not (self._knows_all_of(part, each) and self._heard_all_of(part, each)):
                 return
         former = [each for slot in ("p0", "p1") for each in self._run.publishers.get(slot, ())]
-        died_s = max((self._died_s.get(each.number, -1e9) for each in former), default=-1e9)
+        died_s = max((self.died_s.get(each.number, -1e9) for each in former), default=-1e9)
         if self._run.now_s - died_s < LIVES_WITHIN_S * self._patience:
             return
         value = _value(part.buffer, "shared")
@@ -471,7 +471,7 @@ class Laws:
         slot = change.frame.partition("_")[0]
         now_s, within_s = self._run.now_s, GONE_WITHIN_S * self._patience
         for publisher in self._run.publishers.get(slot, ()):
-            is_lately = now_s - self._died_s.get(publisher.number, now_s) < within_s
+            is_lately = now_s - self.died_s.get(publisher.number, now_s) < within_s
             if change.frame in publisher.ever_sent and is_lately:
                 return
         if slot in self._run.publishers:

@@ -91,7 +91,7 @@ def test_the_end_of_a_process_is_under_way_for_longer_where_tasks_stall(
     with run.network as network:
         host = network.host("h0")
         process = network.start(host.name, "l9", lambda: None)
-        run.laws._died_s[publisher.number] = run.now_s - 20.0
+        run.laws.died_s[publisher.number] = run.now_s - 20.0
         run.laws.check_change(Part("l9", process, None, None, None), change)
     assert bool(run.violations) is not is_allowed
 

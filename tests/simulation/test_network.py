@@ -321,7 +321,7 @@ def test_a_network_that_is_over_says_so() -> None:
     """It runs no more after its `with`."""
     with Network() as network:
         network.run(1.0)
-    with pytest.raises(SimulationError, match="in force within its `with`"):
+    with pytest.raises(SimulationError, match="within its `with`"):
         network.run(1.0)
 
 
@@ -419,4 +419,4 @@ def test_a_seed_that_is_none_is_a_mistake_of_usage(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pytest", "--tfbus-seed", "seven", str(tmp_path)]
     said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=tmp_path)
     assert said.returncode == pytest.ExitCode.USAGE_ERROR
-    assert "'seven' is no seed: give a number from 0 on, or random" in said.stderr
+    assert "'seven' is no seed: " in said.stderr and "from 0 on, or random" in said.stderr

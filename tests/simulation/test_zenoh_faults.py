@@ -11,6 +11,7 @@ from tfbus.base import scheduler
 from tfbus.bus.session import Session
 from tfbus.streams.stream import Stream
 from tfbus.testing import Network
+from tfbus.testing.fabric import Fabric
 
 
 @pytest.fixture
@@ -97,7 +98,12 @@ def test_an_endless_query_ends_by_its_timeout(network: Network, stage: Simulated
 
 
 def _frames_known(
-    network: Network, lost: int, *, delay_s: float = 0.0, after_s: float = 10.0
+    network: Network,
+    monkeypatch: pytest.MonkeyPatch,
+    lost: int,
+    *,
+    delay_s: float = 0.0,
+    after_s: float = 10.0,
 ) -> list[str]:
     """The frames that a listener knows some time after the declaration of this number was lost, by
     a path with this delay.
@@ -105,7 +111,7 @@ def _frames_known(
     network.host("h1"), network.host("h2")
     declared = 0
 
-    def loses_declaration() -> bool:
+    def loses_declaration(_: Fabric) -> bool:
         nonlocal declared
         declared += 1
         return declared == lost
@@ -115,7 +121,7 @@ def _frames_known(
     with network.process("h1", "sim"):
         node = tfbus.Node("sim")
         network.run(1.0)
-        network._fabric.loses_declaration = loses_declaration  # type: ignore[method-assign]
+        monkeypatch.setattr(Fabric, "loses_declaration", loses_declaration)
         here = tfbus.Transform((1.0, 0.0, 0.0))
         tfbus.StaticTransformBroadcaster(node).send_transform(
             tfbus.TransformStamped(node.now_ns(), "world", "fixed", here)
@@ -133,18 +139,18 @@ def _frames_known(
 
 @pytest.mark.parametrize("lost", range(1, 7))
 def test_a_late_listener_learns_a_stream_whichever_declaration_is_lost(
-    network: Network, lost: int
+    network: Network, monkeypatch: pytest.MonkeyPatch, lost: int
 ) -> None:
     """It knows what the stream lists, and has its static transforms."""
-    assert _frames_known(network, lost) == ["fixed", "robot", "fixed", "world"]
+    assert _frames_known(network, monkeypatch, lost) == ["fixed", "robot", "fixed", "world"]
 
 
 @pytest.mark.parametrize("lost", range(7))
 def test_a_late_listener_learns_a_stream_whose_answers_take_three_seconds(
-    network: Network, lost: int
+    network: Network, monkeypatch: pytest.MonkeyPatch, lost: int
 ) -> None:
     """It waits for them, whichever declaration is lost."""
-    known = _frames_known(network, lost, delay_s=1.5, after_s=25.0)
+    known = _frames_known(network, monkeypatch, lost, delay_s=1.5, after_s=25.0)
     assert known == ["fixed", "robot", "fixed", "world"]
 
 
@@ -158,7 +164,7 @@ def test_a_publisher_of_an_earlier_version_answers_with_its_statics(
         query.close()  # type: ignore[attr-defined]
 
     monkeypatch.setattr(Stream, "_on_static_query", answer)
-    assert _frames_known(network, 0) == ["fixed", "robot", "fixed", "world"]
+    assert _frames_known(network, monkeypatch, 0) == ["fixed", "robot", "fixed", "world"]
 
 
 def test_no_half_link_follows_from_the_end_of_one(network: Network, stage: SimulatedStage) -> None:

@@ -238,35 +238,58 @@ def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
         assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]
 
 
-def _pages(on_message: Callable[[Answer], object] | None) -> AskPages:
-    def nothing(*_: object) -> None:
-        pass
+class Pages:
+    """The pages of one key as they are asked for, all in turns of one question at a time."""
 
-    return AskPages(
-        cast(Session, SimpleNamespace(ask_later=None)),
-        cast(Executor, None),
-        str,
-        on_page=nothing,
-        on_message=on_message,
-        on_over=nothing,
-        turns=cast(PagesInTurn, None),
-    )
+    def __init__(self) -> None:
+        self.past = Past()
+        self.executor = cast(Executor, self.past)
+        self.turns = PagesInTurn(self.executor, most=1)
+        self.came: list[Page] = []
+
+    def ask(
+        self,
+        selector: Callable[[], str] = lambda: "tf/sim",
+        on_message: Callable[[Answer], object] | None = None,
+    ) -> AskPages:
+        asking = AskPages(
+            cast(Session, self.past),
+            self.executor,
+            selector,
+            on_page=lambda page, key: self.came.append(page),
+            on_message=on_message,
+            on_over=lambda: None,
+            turns=self.turns,
+        )
+        asking.start()
+        return asking
+
+    def answer(self, payload: bytes) -> None:
+        """Answer the last question, which ends with that."""
+        _, on_answer, on_end = self.past.questions[-1]
+        on_answer(Answer("tf/sim", payload))
+        on_end()
+        self.past.run(0.0)
 
 
-def test_a_stray_answer_completes_nothing_where_only_pages_are_taken() -> None:
+@pytest.mark.parametrize("takes_messages", [False, True])
+def test_a_stray_answer_completes_nothing_where_only_pages_are_taken(takes_messages: bool) -> None:
     """Where earlier versions answer with messages, it is all of them."""
-    asking = _pages(None)
-    assert not asking._take(Answer("key", b"stray"), 0.1) and not asking.is_complete
-    asking = _pages(lambda _: None)
-    assert asking._take(Answer("key", b"message"), 0.1) and asking.is_complete
+    pages, messages = Pages(), list[Answer]()
+    asking = pages.ask(on_message=messages.append if takes_messages else None)
+    pages.answer(b"stray")
+    assert (asking.is_complete, asking.is_over) == (takes_messages, takes_messages)
+    assert len(messages) == takes_messages
 
 
 def test_a_page_whose_next_is_itself_is_no_answer() -> None:
     """It would be asked for without end."""
-    asking = _pages(None)
-    answer = Answer("key", encode_page(Page([], "1.2")))
-    assert asking._take(answer, 0.1)
-    assert not asking._take(answer, 0.1)
+    pages = Pages()
+    asking = pages.ask()
+    for _ in range(3):
+        pages.answer(encode_page(Page([], "1.2")))
+    assert len(pages.came) == 1
+    assert not asking.is_complete and asking.place == "1.2"
 
 
 def test_a_turn_ends_though_its_question_fails() -> None:
@@ -275,8 +298,8 @@ def test_a_turn_ends_though_its_question_fails() -> None:
     def full() -> str:
         raise OSError("the disk is full")
 
-    asking, ended = _pages(None), []
-    asking._selector = full
+    pages = Pages()
     with pytest.raises(OSError):
-        asking._ask(lambda *_: None, lambda: None, lambda: ended.append(1))
-    assert ended and asking.is_over
+        pages.ask(full)
+    pages.ask()
+    assert len(pages.past.questions) == 1

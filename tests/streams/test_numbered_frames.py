@@ -277,29 +277,30 @@ def test_a_listener_says_once_for_what_too_many_messages_wait(
     for _ in range(4):
         received.key.receive(numbered(2))
     [line] = (line for line in caplog.messages if "too many wait" in line)
-    assert f"waited for a description {of}: too many wait" in line
+    assert f"a description {of}: " in line
 
 
 def test_tools_that_close_while_they_begin_to_watch_leave_nothing_open(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The watch that is made just then is closed, too."""
-    ended = scheduler.Event()
-    watches: list[StreamWatch] = []
+    ended, closed = scheduler.Event(), scheduler.Event()
 
     class ClosedMeanwhile(StreamWatch):
         def __init__(self, *given: Any, **named_: Any) -> None:
             super().__init__(*given, **named_)
-            watches.append(self)
             named.close()
             ended.set()
+
+        def close(self) -> None:
+            super().close()
+            closed.set()
 
     viewer = bus.node("viewer")
     named = NamedMessages(viewer, lambda key, message, size: None)
     monkeypatch.setattr("tfbus.frames.named.StreamWatch", ClosedMeanwhile)
     named.decode("tf/arm", numbered(1))
-    assert ended.wait(5.0)
-    eventually(lambda: watches[0]._closed)
+    assert ended.wait(5.0) and closed.wait(5.0)
 
 
 def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:

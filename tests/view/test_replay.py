@@ -127,14 +127,17 @@ def test_browsers_follow_what_they_cannot_foresee(replay: Replay) -> None:
     assert replay.move(0.25, is_watched=True)
 
 
-def test_a_trail_has_as_much_of_the_past_as_it_needs(replay: Replay) -> None:
+def test_a_trail_has_as_much_of_the_past_as_it_needs(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What was kept for less is read again."""
-    replay._before_s = 1.0
-    replay.playhead.seek(at(12.0))
-    replay.move(0.0, is_watched=True)
-    assert replay.buffer.frame("base").oldest_ns == at(11.0)
-    assert replay.move(0.0, is_watched=True, trail_s=5.0)
-    assert replay.buffer.frame("base").oldest_ns == at(7.0)
+    monkeypatch.setattr("tfbus.view.replay._before_s", lambda reader: 1.0)
+    with RecordingReader(path) as reader:
+        replay = Replay(reader, at_ns=at(12.0))
+        replay.move(0.0, is_watched=True)
+        assert replay.buffer.frame("base").oldest_ns == at(11.0)
+        assert replay.move(0.0, is_watched=True, trail_s=5.0)
+        assert replay.buffer.frame("base").oldest_ns == at(7.0)
 
 
 def test_a_part_of_a_recording_has_its_own_timeline(path: Path) -> None:

@@ -52,7 +52,7 @@ def test_it_plays_to_the_end(bus: Bus, run_mcap: Path) -> None:
     """At the end of the recording it ends by itself, and says what it has played."""
     done = bus.run("bag", "play", str(run_mcap), "--rate", "50")
     assert done.returncode == 0, done.stderr
-    assert re.search(r"Playing 2\.0 s at rate 50: 1 stream, 1 topic; stamps are moved", done.stderr)
+    assert re.search(r"Playing 2\.0 s .* 50: 1 stream, 1 topic; .* moved", done.stderr)
     assert re.search(r"Played 6 messages in", done.stderr)
 
 

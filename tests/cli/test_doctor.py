@@ -50,7 +50,8 @@ def test_a_healthy_bus_has_no_failure(bus: Bus) -> None:
     ):
         assert verdicts[name] == "ok", found[name]
     assert verdicts["buffers"] == "ok"
-    assert found["clock-skew"]["evidence"] == ["2 clocks within 100 ms of ours"]
+    [clocks] = found["clock-skew"]["evidence"]
+    assert clocks.startswith("2 clocks ") and "100 ms" in clocks
 
 
 def test_trouble_is_found_and_fails(bus: Bus) -> None:
@@ -83,10 +84,10 @@ def test_people_get_a_page(bus: Bus) -> None:
 
     # On a busy machine a second may bring neither.
     lines = eventually(found).splitlines()
-    assert lines[0] == "Nodes and frames of namespace /"
-    assert re.fullmatch(r"ok      install +tfbus .* on Python 3.*", lines[1])
+    assert lines[0].endswith(" of namespace /")
+    assert re.fullmatch(r"ok      install +tfbus .* Python 3.*", lines[1])
     assert re.fullmatch(r"fail    conflicts", lines[2])
-    assert lines[3].startswith("    - 'camera' is published by several at once: ")
+    assert lines[3].startswith("    - 'camera' is published ")
     assert lines[-2].startswith("    Fix: stop one of")
     assert lines[-1] == "1 ok, 1 fail"
     assert max(map(len, lines)) <= 80
@@ -112,7 +113,7 @@ def test_a_screen_has_ten_sentences_of_a_check(bus: Bus) -> None:
     options = ("doctor", "--only", "disconnected", "--for", "0.5")
     text = " ".join(bus.run(*options).stdout.split())
     assert text.count("a separate tree") == 10
-    assert "- and 2 more (--json has all) Fix: publish" in text
+    assert "and 2 more (--json" in text
     assert len(examined(bus, *options[1:])[1]["disconnected"]["evidence"]) == 12
 
 
@@ -227,7 +228,7 @@ def test_messages_of_a_newer_version_are_named_with_the_remedy(bus: Bus) -> None
     reason = "a transform message of version 3; this tfbus reads versions 1 and 2: update the older"
     code, found = examined(bus)
     [evidence] = found["refused"]["evidence"]
-    assert code == 1 and reason in evidence and "stream 'arm' could not be read" in evidence
+    assert code == 1 and reason in evidence and "stream 'arm'" in evidence
     assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
 
 
@@ -269,10 +270,11 @@ def test_a_node_that_is_stopped_is_named(bus: Bus) -> None:
     bus.network.stop(process)
     assert (doctor.wait(), frames.wait(), nodes.wait()) == (0, 0, 0)
     assert json.loads(frames.stdout)["unanswered"] == ["/sim"]
-    assert frames.stderr == "Warning: /sim is there, and did not answer: stopped, or too busy?\n"
+    assert frames.stderr.startswith("Warning: /sim ") and "did not answer" in frames.stderr
     finding = json.loads(doctor.stdout)["nodes"]
     assert finding["verdict"] == "warn"
-    assert finding["evidence"] == ["/sim is there, and did not answer"]
+    [evidence] = finding["evidence"]
+    assert evidence.startswith("/sim ") and evidence.endswith("did not answer")
     assert nodes.stdout.split() == ["/odometry", "/sim"]
     assert nodes.stderr == frames.stderr
     bus.network.go_on(process)

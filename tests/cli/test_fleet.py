@@ -1,6 +1,7 @@
 """The tools that listen to transforms, looking at robots with equal frame names, all together."""
 
 import json
+import re
 
 import pytest
 
@@ -87,10 +88,9 @@ def test_why_says_where_a_frame_of_the_fleet_is(robots: Bus) -> None:
     """For a frame that only --fleet shows, the hint names --fleet and --namespace."""
     done = robots.run("why", "map", "base_link", "--json")
     assert done.returncode == 1
-    assert json.loads(done.stdout)["remedies"][:2] == [
-        "look from within its namespace, which has 'map': --namespace robot3 or robot7",
-        "look at all robots together, where it is 'robot3/map': --fleet",
-    ]
+    within, together, *_ = json.loads(done.stdout)["remedies"]
+    assert "'map'" in within and within.endswith("--namespace robot3 or robot7")
+    assert "'robot3/map'" in together and together.endswith("--fleet")
 
 
 @pytest.mark.parametrize(
@@ -138,12 +138,11 @@ def test_a_screen_without_frames_says_where_they_are(robots: Bus, tool: tuple[st
 def test_the_doctor_names_the_robots(robots: Bus) -> None:
     """Where only namespaces have nodes, it says which, and how to look there."""
     done = robots.run("doctor", "--only", "nodes", "--for", "0.5")
-    assert done.stdout.splitlines()[:4] == [
-        "Nodes and frames of namespace /; 2 nodes below it: see --fleet",
-        "warn    nodes",
-        "    - no node in namespace /; robots are in namespaces robot3, robot7",
-        "    Fix: look with --namespace robot3, or at all robots with --fleet",
-    ]
+    headline, verdict, evidence, remedy, *_ = done.stdout.splitlines()
+    assert verdict == "warn    nodes"
+    assert "namespace /; 2 nodes below" in headline and headline.endswith("--fleet")
+    assert "namespace /; " in evidence and evidence.endswith(" robot3, robot7")
+    assert "--namespace robot3" in remedy and remedy.endswith("--fleet")
 
 
 @pytest.mark.parametrize(
@@ -173,18 +172,15 @@ def test_the_doctor_misses_robots_of_the_roster(robots: Bus) -> None:
     doctor = ("doctor", *SHARED, "--only", "robots", "--for", "0.5", "--expect")
     done = robots.run(*doctor, "robot[3-7]")
     assert done.returncode == 1
-    assert done.stdout.splitlines()[1:4] == [
-        "fail    robots",
-        "    - robot4: missing; the same of 2 other robots: robot5, robot6",
-        "    Fix: start it, or check its link and the namespace of its nodes (tfbus fleet",
-    ]
+    verdict, evidence, remedy = done.stdout.splitlines()[1:4]
+    assert verdict == "fail    robots"
+    assert "robot4: missing; " in evidence and evidence.endswith(" 2 other robots: robot5, robot6")
+    assert "start it" in remedy and remedy.endswith("(tfbus fleet")
     done = robots.run(*doctor, "robot3")
-    assert (done.returncode, "- robot7 is not in the roster" in done.stdout) == (0, True)
+    assert (done.returncode, "- robot7 " in done.stdout) == (0, True)
     done = robots.run(*doctor, "robot[3,7]")
-    assert done.stdout.splitlines()[1:] == [
-        "ok      robots          2 of 2 robots there",
-        "1 ok",
-    ]
+    verdict, total = done.stdout.splitlines()[1:]
+    assert re.fullmatch("ok +robots +2 of 2 .*", verdict) and total == "1 ok"
 
 
 def test_to_the_doctor_a_robot_that_boots_is_not_missing(robots: Bus) -> None:
@@ -240,7 +236,7 @@ def test_a_roster_is_of_a_fleet(bus: Bus, tool: str) -> None:
     """--expect without --fleet is the same usage error of each tool."""
     done = bus.run(*tool.split(), "--expect", "robot[1-3]")
     assert done.returncode == 2
-    assert "--expect names the robots of a fleet: give --fleet too" in done.stderr
+    assert "--expect " in done.stderr and "give --fleet" in done.stderr
 
 
 def test_robots_with_equal_roots_may_share_them(robots: Bus) -> None:
@@ -271,8 +267,8 @@ def test_the_doctor_says_once_what_is_wrong_with_many_robots(bus: Bus) -> None:
     options = ("doctor", "--fleet", "--only", "disconnected", "--for", "0.5")
     text = " ".join(bus.run(*options).stdout.split())
     assert robot_trees(text) == 1
-    assert "the same of 12 other robots: robot2, robot3, robot4, robot5, robot6 and 7" in text
-    assert "Fix: pass --shared map if" in text and "between the trees" not in text
+    assert "12 other robots: robot2" in text and "robot6 and 7" in text
+    assert "pass --shared map" in text and "between the trees" not in text
     assert robot_trees(bus.run(*options, "--json").stdout) == 13
 
 

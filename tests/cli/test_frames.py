@@ -1,6 +1,8 @@
 """`tfbus frames` against a live bus: what it prints and the files it writes."""
 
+import errno
 import json
+import os
 import re
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -36,7 +38,7 @@ def test_it_prints_the_tree_and_its_publishers(robot: Bus) -> None:
     assert re.fullmatch(r"└─ base       \d.* old, .*by odometry.*", lines[1])
     assert lines[2] == "   └─ camera  static, by mount"
     publishers = "\n".join(lines[lines.index("Publishers:") :])
-    assert re.search(r"mount: /mount on .+, pid \d+, 1 frame\n", publishers)
+    assert re.search(r"mount: /mount .+, pid \d+, 1 frame\n", publishers)
     assert "Problems:" not in lines
     assert max(map(len, lines[:3])) <= 80
     assert "\x1b" not in done.stdout
@@ -131,7 +133,8 @@ def test_a_full_disk_leaves_the_former_file(robot: Bus, tmp_path: Path, ending: 
     with no_room():
         done = robot.run("frames", "-o", str(file))
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == f"Error: {file} cannot be written: File too large\n"
+    assert done.stderr.startswith(f"Error: {file} ")
+    assert done.stderr.endswith(": File too large\n") and done.stderr.count("\n") == 1
     assert file.read_text() == "former"
     assert [each.name for each in tmp_path.glob(f"*frames.{ending}*")] == [file.name]
 
@@ -144,7 +147,8 @@ def test_a_full_disk_behind_stdout_is_one_sentence(robot: live_bus.Bus) -> None:
         ["bash", "-c", shell, "bash", sys.executable, "-m", "tfbus", "frames"]
     )
     assert done.wait() == 1
-    assert done.err == ["Error: the output cannot be written: No space left on device"]
+    [error] = done.err
+    assert error.startswith("Error: the output ") and error.endswith(os.strerror(errno.ENOSPC))
 
 
 def test_json_is_for_scripts(robot: Bus) -> None:
@@ -173,7 +177,7 @@ def test_simulated_time_is_said(bus: Bus) -> None:
     done = bus.run("frames")
     assert "simulated: use --sim-time" in done.stdout
     problem = " ".join(done.stdout.split("Problems:")[1].split())
-    assert problem.startswith("clock: /clock publishes a simulated time; the stamps of 1 of 1 ")
+    assert problem.startswith("clock: /clock ") and " 1 of 1 " in problem
     assert "late: " not in problem
     assert "Problems:" not in bus.run("frames", "--sim-time").stdout
 
@@ -183,13 +187,12 @@ def test_stamps_ahead_are_a_problem(bus: Bus) -> None:
     keep_sending(bus.node("arm"), "world", "base", late_ns=-300_000_000_000)
     done = bus.run("frames", "--check", "-t", "20")
     assert done.returncode == 1
-    assert re.search("base +AHEAD, 5 min in the future", done.stdout)
+    assert re.search("base +AHEAD, 5 min", done.stdout)
     publishers, problem = done.stdout.split("Problems:")
     assert publishers.rstrip().endswith(", 5 min ahead")
-    assert " ".join(problem.split()).startswith(
-        "ahead: samples of 'base' are 5 min in the future: have /arm on "
-    )
-    assert "node.now_ns()" in problem
+    problem = " ".join(problem.split())
+    assert problem.startswith("ahead: ") and "'base' are 5 min" in problem
+    assert "have /arm on " in problem and "node.now_ns()" in problem
 
 
 def test_stamps_long_past_are_a_problem(bus: Bus) -> None:
@@ -198,7 +201,7 @@ def test_stamps_long_past_are_a_problem(bus: Bus) -> None:
     done = bus.run("frames", "--check", "-t", "20")
     assert done.returncode == 1
     problem = " ".join(done.stdout.split("Problems:")[1].split())
-    assert problem.startswith("late: samples of 'base' come 5.0 s after their stamps, so no lookup")
+    assert problem.startswith("late: ") and "'base' come 5.0 s after" in problem
     assert "have /arm on " in problem and "node.now_ns()" in problem
 
 

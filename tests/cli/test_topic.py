@@ -76,11 +76,9 @@ class TestList:
         StaticTransformBroadcaster(node).send_transform(pose)
         eventually(lambda: run(bus, "list", "-t")[1] == "tf_static/camera [TransformMessage]\n")
         _, out, _ = run(bus, "info", "tf_static")
-        assert out.splitlines() == [
-            "Type: TransformMessage",
-            "Publisher count: 1",
-            "Subscription count: unknown, listeners do not announce it",
-        ]
+        kind, publishers, subscriptions = out.splitlines()
+        assert (kind, publishers) == ("Type: TransformMessage", "Publisher count: 1")
+        assert subscriptions.startswith("Subscription count: unknown")
 
     def test_nothing_is_an_empty_list(self, bus: Bus) -> None:
         """Without topics nothing is printed, with exit code 0."""
@@ -118,11 +116,9 @@ class TestList:
         """A misspelt topic fails with the one that is meant."""
         assert "'x', nor any other" in run(bus, "info", "x")[2]
         sim(bus)
-        assert run(bus, "info", "turtle1/poze") == (
-            1,
-            "",
-            "Error: there is no topic 'turtle1/poze'; did you mean 'turtle1/pose'?\n",
-        )
+        code, out, err = run(bus, "info", "turtle1/poze")
+        assert (code, out) == (1, "")
+        assert "no topic 'turtle1/poze'" in err and "mean 'turtle1/pose'" in err
 
 
 class TestEcho:
@@ -252,12 +248,11 @@ class TestEcho:
         """Without a publisher it prints so, with a near topic, and fails after the timeout."""
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pse", "--timeout", "0.5")
+        waiting, error = err.splitlines()
         assert (code, out) == (1, "")
-        assert err.splitlines() == [
-            "Waiting for a message on 'turtle1/pse': it has no publisher; "
-            "did you mean 'turtle1/pose'?",
-            "Error: no message on 'turtle1/pse' after 0.5 s",
-        ]
+        assert waiting.startswith("Waiting for a message ") and "no publisher" in waiting
+        assert "'turtle1/pse'" in waiting and "mean 'turtle1/pose'" in waiting
+        assert error.startswith("Error: ") and "'turtle1/pse' after 0.5 s" in error
 
     def test_a_publisher_that_comes_later_is_heard(self, bus: Bus) -> None:
         """Echo waits for a topic that does not exist yet, and knows its type when it does."""
@@ -285,8 +280,8 @@ class TestEcho:
         eventually(lambda: len(echo.out) > 5)
         assert echo.stop() == 0
         assert set(echo.out) == {"1,2,3"}
-        assert len(echo.err) == 1
-        assert echo.err[0].startswith("Warning: skipped a message of 'color': ")
+        [warning] = echo.err
+        assert warning.startswith("Warning: skipped ") and "'color'" in warning
 
     def test_a_message_that_is_nested_too_deeply_is_told(self, bus: Bus) -> None:
         """A stranger's message of 900 lists in each other ends nothing."""
@@ -314,7 +309,7 @@ class TestEcho:
         sim(bus)
         code, out, err = run(bus, "echo", "turtle1/pose", "--field", "thta")
         assert (code, out) == (2, "")
-        assert err.endswith("there is no field 'thta'; did you mean 'theta'?\n")
+        assert "no field 'thta'" in err and "mean 'theta'" in err
 
 
 def test_a_client_works_through_a_router(bus: Bus) -> None:
@@ -350,12 +345,12 @@ def test_a_file_is_published(bus: Bus, tmp_path: Path) -> None:
     assert run(bus, "delay", "points", "--once")[0] == 0
     assert pub.stop() == 0
     code, _, err = run(bus, "pub", "--once", "p", "Pose", "--file", str(points))
-    assert (code, "PointCloud or Image or CompressedImage" in err) == (2, True)
+    assert (code, "PointCloud or Image" in err) == (2, True)
     code, _, err = run(bus, "pub", "--once", "p", "PointCloud", "{width: 3}", "--file", str(points))
-    assert (code, "must be frame_id and stamp_ns" in err) == (2, True)
+    assert (code, "frame_id and stamp_ns" in err) == (2, True)
     points.write_bytes(b"nothing")
     code, _, err = run(bus, *typed, "--once")
-    assert (code, "--file: " in err, "has no cloud that can be read" in err) == (2, True, True)
+    assert (code, "--file: " in err, "has no cloud" in err) == (2, True, True)
     assert "VALUES" not in err.partition("Error:")[2] and "Traceback" not in err
 
 
@@ -374,5 +369,5 @@ def test_the_fields_of_transforms_are_shown(bus: Bus) -> None:
         run(bus, "show", name)[1] for name in ("tf", "tf/sim", "TransformMessage", "TFMessage")
     }
     (text,) = shown
-    assert text.startswith("TransformMessage: The transforms of a stream")
+    assert text.startswith("TransformMessage: ")
     assert "  transforms: list[" in text

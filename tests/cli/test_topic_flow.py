@@ -92,10 +92,7 @@ class TestMeasure:
         colors = node.create_publisher(Color, "color")
         node.create_timer(0.05, lambda: colors.publish(Color(1, 2, 3)))
         code, _, err = run(bus, "delay", "color")
-        assert (code, err) == (
-            1,
-            "Error: messages on 'color' have no field stamp_ns, so their age is unknown\n",
-        )
+        assert code == 1 and "'color'" in err and "no field stamp_ns" in err
 
 
 class TestPub:

@@ -275,5 +275,5 @@ def test_a_change_of_the_network_is_logged_in_one_line(network: Network, tmp_pat
     eventually(lambda: joined.knows("arm", "lamp"))
     network.hosts.join_by_tunnel(*NAMES)
     line = joined.arm.wait_for_line("network has changed")
-    assert line.endswith("The network has changed: tun0 has 10.77.0.1: looking for others there")
+    assert "tun0 has 10.77.0.1: looking" in line
     assert len([line for line in joined.arm.err if "network has changed" in line]) == 1

@@ -74,7 +74,7 @@ def test_clients_wait_for_their_router_and_survive_its_restart(network: Network)
         process.wait_for_line(f"Waiting for a router at {network.router}")
     tool = start(network, "desk", "node", "list", client=True)
     assert (tool.wait(), tool.out) == (1, [])
-    assert tool.err[0].startswith(f"Error: no router answers at {network.router}: ")
+    assert f"no router answers at {network.router}: " in tool.err[0]
     router = network.start_router()
     echo = processes[-1]
     assert is_printing(echo)

@@ -105,7 +105,7 @@ def test_rights_that_were_edited_by_hand_are_those_of_every_use(
         assert open_folder(store.path / "arm").identity.topics == ("pose",)
         assert open_folder(tmp_path / "before").identity.topics is None
         code, said = keys(store, "check")
-        assert code == 1 and said.startswith("arm: its machine has the former rights of arm: tfbus")
+        assert code == 1 and said.startswith("arm: ") and "former rights of arm: tfbus" in said
         store.renew("arm", days=90)
     store.export("arm", tmp_path / "after")
     assert (tmp_path / "after" / "rights.yaml").read_bytes() == rights.read_bytes()

@@ -60,8 +60,8 @@ def test_an_open_client_learns_that_the_bus_is_closed(router: Router, tmp_path: 
     closed = router("tls", identity(tmp_path / "keys", "hub"))
     address = closed.removeprefix("tls/")
     said = refusal(f"tcp/{address}")
-    assert f"a closed bus is at tcp/{address}" in said
-    assert f"--secure DIR, and --connect tls/{address}" in said
+    assert f"closed bus is at tcp/{address}" in said
+    assert "--secure DIR" in said and f"--connect tls/{address}" in said
 
 
 def test_a_closed_client_learns_that_the_bus_is_open(router: Router, tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_an_identity_of_another_authority_learns_that(router: Router, tmp_path: 
     """The router is there, and takes no link from it."""
     closed = router("tls", identity(tmp_path / "keys", "hub"))
     said = refusal(closed, identity(tmp_path / "others", "eye"))
-    assert f"the closed bus at {closed} gives this identity no link" in said
+    assert f"closed bus at {closed}" in said and "this identity no link" in said
 
 
 def test_where_nothing_answers_it_says_so() -> None:

@@ -60,9 +60,8 @@ def test_a_process_by_an_identity_hears_which_bus_it_is(answering: Any) -> None:
     """That of another authority, or an open one; with a link to it there is nothing to say."""
     session = FakeSession(of_identity())
     answering["arm"] = TLS
-    assert said(session).startswith(
-        "a closed bus is here (tls/10.0.0.1:4711) that this identity gets no link to: "
-    )
+    assert "closed bus is here (tls/10.0.0.1:4711)" in said(session)
+    assert "this identity gets no link" in said(session)
     assert said(replace(session, links=frozenset({"arm"}))) == ""
     answering["arm"] = TCP
     hint = said(session)
@@ -84,10 +83,9 @@ def test_an_endpoint_that_does_not_answer_is_named(answering: Any) -> None:
     with socket.socket() as silent:
         silent.bind(("127.0.0.1", 0))  # it does not listen, and no other can
         endpoint = f"tcp/127.0.0.1:{silent.getsockname()[1]}"
-        assert said(FakeSession(NodeSettings("tool", connect=(endpoint,)))) == (
-            f"nothing answers at {endpoint} (Connection refused): start the router there, or "
-            "correct --connect"
-        )
+        reason = said(FakeSession(NodeSettings("tool", connect=(endpoint,))))
+        assert f"answers at {endpoint} (Connection refused): " in reason
+        assert reason.endswith("--connect")
     with socket.create_server(("127.0.0.1", 0)) as router:
         answers = NodeSettings("tool", connect=(f"tcp/127.0.0.1:{router.getsockname()[1]}",))
         assert said(FakeSession(answers)) == ""

@@ -393,16 +393,16 @@ def test_a_bus_that_keeps_this_process_out_is_named(healthy: Examination) -> Non
     empty = at_moment(healthy, nodes=(), tree=frame_tree(Buffer(), (), NOW_NS))
     hint = "a closed bus is here (tls/10.0.0.1:4711): join it by --secure DIR"
     finding = CHECKS["nodes"](replace(empty, out_of_reach=hint))
-    assert finding.evidence == (
-        "no node was found in namespace /; a closed bus is here (tls/10.0.0.1:4711)",
-    )
+    (evidence,) = finding.evidence
+    assert evidence.startswith("no node ") and evidence.endswith(hint.rpartition(": ")[0])
     assert finding.remedy == hint.rpartition(": ")[2]
 
 
 def test_stamps_of_zero_are_found(healthy: Examination) -> None:
     """A stamp of 0, as of a clock that does not run yet, is named."""
     finding = CHECKS["stamps"](with_flow(at_zero=2)(healthy))
-    assert finding.evidence == ("2 samples of 'base' arrived with the stamp 0",)
+    (evidence,) = finding.evidence
+    assert evidence.startswith("2 samples of 'base'") and evidence.endswith("stamp 0")
 
 
 def test_a_gap_is_judged_by_the_median_period(healthy: Examination) -> None:
@@ -416,7 +416,8 @@ def test_a_gap_is_judged_by_the_median_period(healthy: Examination) -> None:
 def test_messages_that_were_missed_are_gaps(healthy: Examination) -> None:
     """Missed messages count as gaps."""
     finding = CHECKS["gaps"](with_streams(replace(STREAM, missed=7))(healthy))
-    assert finding.evidence == ("7 messages of stream 'sim' never arrived",)
+    (evidence,) = finding.evidence
+    assert evidence.startswith("7 messages of stream 'sim'")
 
 
 @pytest.mark.parametrize(
@@ -477,7 +478,8 @@ def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
     seen = with_host(scouts={SIM.pid: "sim", 42: "python"}, stopped=frozenset({42}))(healthy)
     finding = CHECKS["alone"](seen)
     assert finding.verdict == "warn"
-    assert finding.evidence == ("programs of this host scout, and are stopped: python (pid 42)",)
+    (evidence,) = finding.evidence
+    assert evidence.endswith("are stopped: python (pid 42)")
 
 
 @pytest.mark.real
@@ -560,7 +562,7 @@ def test_stamps_in_seconds_are_named(healthy: Examination) -> None:
     buffer.set_transform(seconds, authority="sim")
     seen = with_flow(delays_s=spread_of([1.67e9]))(with_tree(buffer, STREAM)(healthy))
     (evidence,) = CHECKS["stamps"](seen).evidence
-    assert evidence.endswith("old: its stamps look like seconds: stamps are nanoseconds")
+    assert "old: its stamps" in evidence and "like seconds: " in evidence
 
 
 def test_a_frame_of_two_publishers_is_one_frame(healthy: Examination) -> None:
@@ -574,7 +576,8 @@ def test_a_stream_that_no_node_reads_yet_is_ok(healthy: Examination) -> None:
     """An unread stream is evidence, but no trouble."""
     finding = CHECKS["unread"](with_nodes(replace(SIM, unread=("sim",)))(healthy))
     assert finding.verdict == "ok"
-    assert finding.evidence == ("no node reads the dynamic frames of stream 'sim' of /sim",)
+    (evidence,) = finding.evidence
+    assert evidence.startswith("no node reads ") and evidence.endswith("'sim' of /sim")
 
 
 def test_more_than_before_is_no_loss(healthy: Examination) -> None:

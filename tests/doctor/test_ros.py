@@ -261,7 +261,7 @@ def test_it_says_what_is_there_and_what_to_run(
 def test_a_bridge_that_runs_is_named(around: RosAround) -> None:
     """Then there is nothing to run."""
     (sentence,) = check_ros(_examined(around, BRIDGE)).evidence
-    assert sentence.endswith(": /ros2 bridges it to tfbus")
+    assert ": /ros2 bridges it" in sentence
 
 
 def test_a_bridge_of_another_name_is_named() -> None:
@@ -270,7 +270,7 @@ def test_a_bridge_of_another_name_is_named() -> None:
         BRIDGE, name="/mine", streams=("mine/talker",), publishes={"ros_bridges": "RosBridge"}
     )
     (sentence,) = check_ros(_examined(RosAround(participants=(FAST,)), bridge)).evidence
-    assert sentence.endswith(": /mine bridges it to tfbus")
+    assert ": /mine bridges it" in sentence
 
 
 def _examined(around: RosAround, *nodes: NodeDescription) -> Examination:

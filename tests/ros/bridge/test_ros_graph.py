@@ -131,17 +131,13 @@ def test_what_does_not_cross_is_said_with_the_remedy() -> None:
     """Another type, another definition of it, or none of Humble's."""
     assert graph(token("camera"), token("rviz", "MS")).mismatches(WANTED) == []
     text = token("talker", dds_type="std_msgs::msg::dds_::String_")
-    assert graph(text).mismatches(WANTED) == [
-        "/tf does not cross: in ROS /talker has it as std_msgs/msg/String"
-    ]
+    [line] = graph(text).mismatches(WANTED)
+    assert line.startswith("/tf ") and line.endswith("/talker has it as std_msgs/msg/String")
     humble = [token(name, type_hash="TypeHashNotSupported") for name in ("arm", "rviz")]
-    assert graph(*humble).mismatches(WANTED) == [
-        "/tf does not cross: /arm, /rviz run in ROS 2 Humble: give --distro humble"
-    ]
-    assert graph(token("arm")).mismatches([("/tf", TYPE, "TypeHashNotSupported")]) == [
-        "/tf does not cross: /arm runs in a later ROS 2 than Humble: give no --distro"
-    ]
-    assert graph(token("arm", type_hash="RIHS01_00")).mismatches(WANTED) == [
-        "/tf does not cross: in ROS /arm has another definition of tf2_msgs/msg/TFMessage, of hash "
-        "RIHS01_00"
-    ]
+    [line] = graph(*humble).mismatches(WANTED)
+    assert line.startswith("/tf ") and "/arm, /rviz" in line and line.endswith("--distro humble")
+    [line] = graph(token("arm")).mismatches([("/tf", TYPE, "TypeHashNotSupported")])
+    assert line.startswith("/tf ") and "/arm " in line and line.endswith("give no --distro")
+    [line] = graph(token("arm", type_hash="RIHS01_00")).mismatches(WANTED)
+    assert line.startswith("/tf ") and "/arm has another definition" in line
+    assert "tf2_msgs/msg/TFMessage" in line and line.endswith(" RIHS01_00")

@@ -20,18 +20,13 @@ def test_those_that_are_heard_are_not_named() -> None:
 
 def test_nodes_are_named_once_and_with_their_verb() -> None:
     """In one sentence for each reason; several publishers may have no name."""
-    assert unheard(TF, TYPE, [offer("", reliable=False)] * 2) == [
-        "a node without a name publishes /tf as best effort, and it is read as reliable: such "
-        "messages do not come"
-    ]
-    assert unheard(TF_STATIC, TYPE, [offer("/a"), offer("/b"), offer("/a")]) == [
-        "/a, /b publish /tf_static as volatile, and it is read as transient local: such messages "
-        "do not come"
-    ]
+    [line] = unheard(TF, TYPE, [offer("", reliable=False)] * 2)
+    assert "publishes /tf as best effort" in line and "read as reliable" in line
+    [line] = unheard(TF_STATIC, TYPE, [offer("/a"), offer("/b"), offer("/a")])
+    assert line.startswith("/a, /b publish /tf_static as volatile") and "transient local" in line
 
 
 def test_another_type_is_said_with_the_own_one() -> None:
     """Once for each node."""
-    assert unheard(TF, TYPE, [offer("/a", "std_msgs/msg/String")] * 2) == [
-        "/a publishes /tf as std_msgs/msg/String, not tf2_msgs/msg/TFMessage"
-    ]
+    [line] = unheard(TF, TYPE, [offer("/a", "std_msgs/msg/String")] * 2)
+    assert line == f"/a publishes /tf as std_msgs/msg/String, not {TYPE}"

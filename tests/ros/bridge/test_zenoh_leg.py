@@ -103,7 +103,7 @@ def test_a_router_that_neither_answers_nor_refuses_is_named(
     monkeypatch.setattr("tfbus.bus.ros_session.zenoh.open", open_at_last)
     leg = ros.leg()
     [said] = eventually(leg.warnings)
-    assert said.startswith(f"No Zenoh router of ROS answers at {ros.router.endpoint}, tried until")
+    assert f"answers at {ros.router.endpoint}, " in said
     assert leg.warnings() == [said]
     is_there.set()
     ros.router.start()
@@ -276,11 +276,8 @@ def test_a_message_without_an_attachment_is_dropped_and_counted(
     stranger.put(TF_KEY, b"bad", attachment=b"short")
     eventually(lambda: leg.dropped == 2)
     assert set(heard) == {(b"good", bytes(range(16)).hex())}
-    dropped = [each for each in caplog.messages if each.startswith("Dropped")]
-    assert dropped == [
-        "Dropped a message on /tf in ROS: it has no attachment, so that no ROS node takes it "
-        "either. Further ones are counted, not logged"
-    ]
+    [dropped] = [each for each in caplog.messages if each.startswith("Dropped")]
+    assert " on /tf " in dropped and "no attachment" in dropped
 
 
 def test_publishers_with_another_gid_are_known_by_their_session(ros: Ros) -> None:
@@ -337,9 +334,8 @@ def test_an_exception_of_the_callback_is_logged_once(
     ros.leg().subscribe(TF, fail)
     sender = ros.leg("other").publisher(TF)
     send_until(lambda: sender.send(b"x"), lambda: len(calls) > 2)
-    assert [each.message for each in caplog.records if each.exc_info] == [
-        f"Could not handle the message of {TF_KEY}. Further ones are counted, not logged"
-    ]
+    [failed] = [each.message for each in caplog.records if each.exc_info]
+    assert f"message of {TF_KEY}" in failed
 
 
 def test_before_rmw_zenoh_0_2_4_attachments_have_names(ros: Ros) -> None:
@@ -357,10 +353,8 @@ def test_before_rmw_zenoh_0_2_4_attachments_have_names(ros: Ros) -> None:
     assert heard[0] == (b"x", sender.gid)
     assert attachments[0].startswith(b"\x0fsequence_number")
     eventually(new.warnings)
-    assert new.warnings() == [
-        "ROS has an rmw_zenoh before 0.2.4, which does not read what later ones write: update it, "
-        "or give --distro jazzy-0.2.3"
-    ]
+    [warning] = new.warnings()
+    assert "rmw_zenoh before 0.2.4" in warning and warning.endswith("--distro jazzy-0.2.3")
     watch.undeclare()
 
 
@@ -376,9 +370,8 @@ def test_humble_has_no_hashes_of_types(ros: Ros) -> None:
     send_until(lambda: sender.send(b"x"), lambda: bool(heard))
     eventually(later.warnings)
     eventually(lambda: "/one, /other" in later.warnings()[0])
-    assert later.warnings() == [
-        "/tf does not cross: /one, /other run in ROS 2 Humble: give --distro humble"
-    ]
+    [warning] = later.warnings()
+    assert warning.startswith("/tf ") and warning.endswith("--distro humble")
     assert unheard == []
 
 
@@ -389,9 +382,8 @@ def test_domains_are_apart(ros: Ros, monkeypatch: pytest.MonkeyPatch) -> None:
     far.publisher(TF)
     near = ros.leg("near")
     eventually(near.warnings)
-    assert near.warnings() == [
-        "ROS has no nodes in domain 0, but in domain 7: give --domain 7 to reach them"
-    ]
+    [warning] = near.warnings()
+    assert "domain 0" in warning and "--domain 7" in warning
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     by_environment = ros.leg("there", domain=None)
     eventually(lambda: [each.node for each in by_environment.publishers("/tf")] == ["/far"])

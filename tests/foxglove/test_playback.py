@@ -188,7 +188,8 @@ def test_nodes_and_their_parameters_are_those_of_the_moment(client: Client) -> N
     eventually(lambda: client.parameters == {"/sim.speed": 1.5})
     client.send("setParameters", parameters=[{"name": "/sim.speed", "value": 2}])
     eventually(lambda: client.said())
-    assert client.said() == ["/sim.speed is not set: parameters of a recording cannot be set"]
+    [said] = client.said()
+    assert said.startswith("/sim.speed is not set: ") and "a recording" in said
 
 
 def test_the_frames_of_a_fleet_have_their_namespace_in_front(tmp_path: Path) -> None:

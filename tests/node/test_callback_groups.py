@@ -204,9 +204,6 @@ def test_a_lookup_that_holds_up_its_own_broadcaster_says_so(node: Node) -> None:
         eventually(lambda: errors)
         on_scan(Scan(node.now_ns() + 1_000_000_000))
     held_up, elsewhere = errors
-    assert held_up.endswith(
-        "; this node sends it itself, and its timer of 10 ms (test_a_lookup_that_holds_up_its_own_"
-        "broadcaster_says_so.<locals>.broadcast) waits for this callback to return: await "
-        "buffer.wait_for_transform(...) in an async def, or give this callback a callback_group"
-    )
+    assert "timer of 10 ms" in held_up and ".broadcast)" in held_up
+    assert "buffer.wait_for_transform(" in held_up and held_up.endswith(" a callback_group")
     assert elsewhere.endswith("; query the latest (stamp_ns=None)")

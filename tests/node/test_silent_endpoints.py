@@ -38,7 +38,7 @@ def test_a_node_names_the_endpoint_that_does_not_answer(
         bus.node("eye", connect=(bus.endpoint, endpoint))
         found = eventually(is_said)
     assert found[1] == endpoint
-    assert re.search(r": still trying; \d+ links? to other processes without it\n", found[0])
+    assert re.search(r"still trying; \d+ links? ", found[0])
 
 
 @dataclass

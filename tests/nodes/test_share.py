@@ -158,7 +158,7 @@ def test_one_robot_that_cannot_be_reached_does_not_hold_up_the_others(
         )
     assert joined == ["robot1", "robot2"]
     report = capsys.readouterr().err
-    assert report.count("Cannot show frames to robot2 yet; retrying: cannot join") == 1
+    assert report.count("frames to robot2 yet; retrying: ") == 1
 
 
 def test_a_fleet_within_a_namespace_shares_there(bus: Bus, eyes: Eyes) -> None:
@@ -174,9 +174,7 @@ def test_a_missing_frame_is_logged(bus: Bus) -> None:
     """A frame without a transform is logged after 2 s, with the reason; share goes on."""
     process = bus.start("share", "robot7", "base_link", "--to", "robot1", "--rate", "50")
     line = process.wait_for_line("is not visible")
-    assert line.endswith(
-        "'robot7/base_link' is not visible: there is no frame 'map'; no frame is known so far"
-    )
+    assert "'robot7/base_link' is not visible: " in line and "no frame 'map'" in line
 
 
 @pytest.mark.parametrize(

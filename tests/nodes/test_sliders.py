@@ -106,7 +106,8 @@ def test_without_a_robot_it_says_so() -> None:
     """Before a description has come, one line says what it waits for, and keys do nothing."""
     sliders = Sliders(Board())
     sliders.press("right")
-    assert plain(sliders.lines(80, 24)) == ["Waiting for a robot on topic robot_description"]
+    [line] = plain(sliders.lines(80, 24))
+    assert line.endswith("topic robot_description")
 
 
 def test_another_robot_has_its_own_joints(board: Board) -> None:

@@ -249,7 +249,7 @@ def test_it_drives_the_named_turtle(bus: simulated_bus.Bus, keyboard: Keyboard) 
     program.wait_for_line("No turtle 'turtle2': start the simulator")
     keyboard.type(b"Q")
     assert program.wait() == 0
-    assert program.stderr.count("No turtle 'turtle2': start the simulator") == 1
+    assert program.stderr.count("No turtle 'turtle2'") == 1
 
 
 def test_it_says_where_the_turtle_is(bus: simulated_bus.Bus, keyboard: Keyboard) -> None:
@@ -362,4 +362,4 @@ def test_without_a_terminal_it_says_so(bus: Bus) -> None:
     done = bus.run("teleop", stdin="q")
     assert done.returncode == 1
     assert done.stdout == ""
-    assert re.fullmatch(r"Error: standard input is not a terminal: .*\n", done.stderr)
+    assert re.fullmatch(r"Error: standard input .* terminal: .*\n", done.stderr)

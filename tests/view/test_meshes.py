@@ -205,7 +205,8 @@ def test_a_material_outside_of_the_package_is_not_read(tmp_path: Path) -> None:
     outside = OBJ.replace(b"colors.mtl", b"../colors.mtl")
     parts = read_mesh("obj", outside, references)
     assert [part.color for part in parts] == [None]
-    assert references.refused == {"../colors.mtl": "it is outside of the mesh's package"}
+    assert list(references.refused) == ["../colors.mtl"]
+    assert "outside" in references.refused["../colors.mtl"]
 
 
 def test_only_pictures_materials_and_buffers_are_read_beside_a_mesh(tmp_path: Path) -> None:
@@ -214,7 +215,8 @@ def test_only_pictures_materials_and_buffers_are_read_beside_a_mesh(tmp_path: Pa
     references = References(tmp_path, tmp_path)
     with pytest.raises(FileNotFoundError):
         references.get("id_rsa")
-    assert references.refused == {"id_rsa": "it is no picture, material or buffer"}
+    assert list(references.refused) == ["id_rsa"]
+    assert "picture, material or buffer" in references.refused["id_rsa"]
 
 
 def zipped() -> bytes:

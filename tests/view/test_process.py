@@ -41,10 +41,7 @@ def test_the_page_refuses_pages_from_elsewhere(address: str) -> None:
     assert status_of(address)[0] == 200
     assert status_of(address, Origin=address)[0] == 200
     code, text = status_of(address, Origin="https://evil.example")
-    assert (code, text) == (
-        403,
-        "a page of 'https://evil.example' may not connect: open the view directly\n",
-    )
+    assert code == 403 and "'https://evil.example' may not" in text
     assert status_of(address, Host="evil.example:8080")[0] == 403
     assert status_of(address, Host="[")[0] == 403
 
@@ -133,7 +130,7 @@ def test_a_yaml_that_is_no_configuration_of_zenoh_may_be_settings(bus: Bus, tmp_
     path.write_text("fixed_frame: map\ncolour: blue\n")
     done = bus.run("view", "--config", str(path))
     assert done.returncode == 1
-    assert f"the view's own settings go to --settings {path}" in done.stderr
+    assert f"--settings {path}" in done.stderr
 
 
 @pytest.mark.real
@@ -148,4 +145,4 @@ def test_a_port_is_a_number(bus: Bus, port: str) -> None:
     """The error says which numbers are allowed."""
     done = bus.run("view", "--port", port)
     assert done.returncode == 2
-    assert f"'{port}' is not a port number from 1 to 65535" in done.stderr
+    assert f"'{port}'" in done.stderr and "from 1 to 65535" in done.stderr

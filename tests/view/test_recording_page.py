@@ -223,7 +223,7 @@ def test_a_buffer_is_not_played() -> None:
     pytest.importorskip("viser", reason="needs viser: the extra view")
     with show(Buffer(), port=free_port(), rate_hz=5.0) as view:
         for call in CALLS.values():
-            with pytest.raises(InvalidArgumentException, match="only a recording is played"):
+            with pytest.raises(InvalidArgumentException, match="only a recording"):
                 call(view)
     with pytest.raises(InvalidArgumentException, match=r"at_ns .*recording"):
         show(Buffer(), port=free_port(), at_ns=1)

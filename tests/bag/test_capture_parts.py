@@ -204,12 +204,9 @@ class TestTriggers:
             EventItem(0, "stream gone", "arm"),
             EventItem(0, "stream gone", "base"),
         ]
-        assert [triggers.fulfilled_by(event) for event in events] == [
-            "",
-            "",
-            "",
-            "stream 'base' is gone, with base_link",
-        ]
+        *others, reason = [triggers.fulfilled_by(event) for event in events]
+        assert others == ["", "", ""]
+        assert "'base' is gone" in reason and reason.endswith("base_link")
 
     def test_two_publishers_of_a_frame_fulfil_its_condition(self) -> None:
         """A second living stream with the frame counts."""

@@ -396,7 +396,8 @@ class TestSnapshots:
         run.queue.put(EVENTS, EventItem(0, "stream gone", "sim"))
         eventually(lambda: wrote)
         items = run.items()
-        assert wrote == ["stream 'sim' is gone, with turtle1"]
+        [reason] = wrote
+        assert "'sim' is gone" in reason and "turtle1" in reason
         assert numbers(items) == [0, 1]
         assert kinds(items)[-1] == "stream gone"
 
@@ -494,7 +495,7 @@ class TestMemory:
         eventually(lambda: run.recorder.counts.messages == 10 - past.dropped)
         run.items()
         assert run.recorder.counts.lost == {"history": past.dropped}
-        assert f"Dropped {past.dropped} messages that publishers held" in lines.lines[0]
+        assert f"Dropped {past.dropped} messages " in lines.lines[0]
 
 
 class Holding:

@@ -144,10 +144,9 @@ def test_a_failure_is_logged_once_and_the_thread_goes_on(
     executor.submit("another bad one", lambda: [][0])
     finish(executor)
     assert ran == [1, 1, 1]
-    assert [record.getMessage() for record in caplog.records] == [
-        "A callback failed, 1 time so far (bad callback)",
-        "A callback failed, 1 time so far (another bad one)",
-    ]
+    bad, other = [record.getMessage() for record in caplog.records]
+    assert "1 time " in bad and bad.endswith(" (bad callback)")
+    assert "1 time " in other and other.endswith(" (another bad one)")
     assert "ZeroDivisionError" in caplog.text
 
 

@@ -17,10 +17,9 @@ def test_the_first_of_a_kind_is_logged_and_all_are_counted(
     for frame in ("a", "b", "c"):
         once.warning("refused", "Refused frame %r", frame)
     once.warning("dropped", "Dropped a message")
-    assert caplog.messages == [
-        "Refused frame 'a'. Further ones are counted, not logged",
-        "Dropped a message. Further ones are counted, not logged",
-    ]
+    refused, dropped = caplog.messages
+    assert refused.startswith("Refused frame 'a'. ") and refused.endswith("counted, not logged")
+    assert dropped.startswith("Dropped a message. ") and dropped.endswith("counted, not logged")
     assert once.counts == {"refused": 3, "dropped": 1}
 
 
@@ -49,10 +48,8 @@ def test_a_kind_is_logged_again_after_a_while_with_its_number(
     lines = LogOnce(logging.getLogger("test"), again_s=60.0, clock=clock)
     for clock.now_ns in [*range(100), 60, 61]:
         lines.warning("restarted", "Stream %r restarted", "sim")
-    assert caplog.messages == [
-        "Stream 'sim' restarted",
-        "Stream 'sim' restarted (60 times since the last line)",
-    ]
+    first, second = caplog.messages
+    assert first == "Stream 'sim' restarted" and second.startswith(f"{first} (60 times ")
     assert lines.counts == {"restarted": 102}
 
 

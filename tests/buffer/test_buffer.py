@@ -400,7 +400,7 @@ def test_among_many_frames_any_name_may_be_unknown(name):
     for number in range(1001):
         buffer.set_transform(moved(0, "world", f"frame{number}"), static=True)
     for call in (buffer.remove, buffer.frame):
-        with pytest.raises(LookupException, match=f"there is no frame '{name}'; available: "):
+        with pytest.raises(LookupException, match=f"no frame '{name}'; available: "):
             call(name)
 
 

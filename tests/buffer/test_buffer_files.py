@@ -212,7 +212,7 @@ def test_a_file_that_was_cut_anywhere_is_refused(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for length in range(0, len(whole), 97):
         path.write_bytes(whole[:length])
-        with pytest.raises(DecodeError, match=r"a\.npz is not a buffer"):
+        with pytest.raises(DecodeError, match=r"a\.npz is not a "):
             load(path)
 
 

@@ -145,7 +145,7 @@ def test_show_says_that_a_frame_is_unknown(capsys: pytest.CaptureFixture[str]) -
     """Below the trees, with the name that is meant; also of a buffer without frames."""
     show(arm(), "base", "toll")
     shown = capsys.readouterr().out.splitlines()
-    assert shown[0] == "base *" and shown[-1].startswith("there is no frame 'toll'; did you mean")
+    assert shown[0] == "base *" and "no frame 'toll'" in shown[-1] and "'tool'" in shown[-1]
     show(Buffer(), "base", "toll")
     assert "there is no frame" in capsys.readouterr().out
 

@@ -62,7 +62,7 @@ def test_a_closed_clock_ends_a_lookup() -> None:
     clock.close()
     error = lookup.result()
     assert isinstance(error, TimeoutException)
-    assert str(error).startswith("the node closes, which ends the lookup: ")
+    assert error.fact.startswith("the node closes")
 
 
 def test_asyncio_waits_in_simulated_seconds_too() -> None:

@@ -249,7 +249,7 @@ def test_an_imu_turns_with_its_frame() -> None:
 
 def test_what_cannot_be_moved_says_why() -> None:
     """A type without a place, a message without a frame, and a time that is not known."""
-    with pytest.raises(InvalidArgumentException, match="a Log cannot be transformed"):
+    with pytest.raises(InvalidArgumentException, match="a Log cannot be"):
         still().transform(messages.Log(S), "base")
     with pytest.raises(InvalidArgumentException, match="no frame_id"):
         still().transform(messages.PoseStamped(S, ""), "base")

@@ -1,5 +1,7 @@
 """A lookup that fails because of seconds for nanoseconds says so."""
 
+import re
+
 import pytest
 
 from tests.builders import S, moved
@@ -66,11 +68,9 @@ def test_a_stamp_of_another_clock_gets_no_advice_to_wait(count: int) -> None:
     simulated = of(*(5 * S + at * S for at in range(count)))
     late = SingleSampleException if count == 1 else FutureExtrapolationException
     early = SingleSampleException if count == 1 else PastExtrapolationException
-    clocks = "so its stamps are of another clock; if one of the two is simulated, pass --sim-time"
-    says = why(simulated, NOW_NS, late)
-    assert says.endswith(f"its newest sample is 54 years earlier, {clocks} to this node too")
-    says = why(real, 7 * S, early)
-    assert says.endswith(f"its newest sample is 54 years later, {clocks} to its publisher too")
+    clock = "of another clock; .* --sim-time to"
+    assert re.search(f"54 years earlier, .* {clock} this node", why(simulated, NOW_NS, late))
+    assert re.search(f"54 years later, .* {clock} its publisher", why(real, 7 * S, early))
 
 
 def test_edges_of_two_clocks_have_no_common_time() -> None:

@@ -61,7 +61,7 @@ def test_a_large_query_is_refused_unread(bus: Bus, sender: Node) -> None:
         answers.extend(sender.session.ask("add", b"x" * 1001))
 
     send_until(ask, lambda: bool(answers))
-    assert re.match("the query was dropped .*1 kB", str(answers[0].refusal))
+    assert re.match("the query was .*1 kB", str(answers[0].refusal))
     assert not called
 
 
@@ -78,9 +78,9 @@ def test_a_large_answer_is_a_refusal(
     asker = small(bus, "asker")
     asker.log.addHandler(caplog.handler)
     answers = eventually(lambda: list(asker.session.ask("add")))
-    assert re.match("the answer was dropped .*1 kB", str(answers[0].refusal))
+    assert re.match("the answer was .*1 kB", str(answers[0].refusal))
     assert asker.session.callbacks.too_large["service"] > 0
-    assert re.match("Dropped an answer .*'add' .*1 kB", caplog.messages[0])
+    assert re.match("Dropped an .*'add' .*1 kB", caplog.messages[0])
 
 
 def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:
@@ -95,7 +95,7 @@ def test_a_large_query_and_a_large_answer_cannot_be_sent(bus: Bus) -> None:
     with pytest.raises(BusError, match=r"query add: .*1 kB"):
         node.session.ask("add", b"x" * 1001)
     answers = eventually(lambda: list(node.session.ask("add")))
-    assert re.match("the answer cannot be .*1 kB", str(answers[0].refusal))
+    assert re.match("the answer cannot .*1 kB", str(answers[0].refusal))
 
 
 def test_a_refusal_of_a_stranger_can_be_printed(bus: Bus, sender: Node) -> None:

@@ -105,7 +105,8 @@ def test_a_session_that_does_not_close_in_time_is_logged(
     real, session.zenoh = session.zenoh, SimpleNamespace(close=close)
     session.close()
     real.close()
-    assert caplog.messages == ["Session did not close cleanly: close operation timed out!"]
+    [line] = caplog.messages
+    assert "did not close" in line and line.endswith(": close operation timed out!")
 
 
 @pytest.mark.real

@@ -142,7 +142,7 @@ def test_datagrams_are_heard_of_some_hosts_alone() -> None:
             send(host, close)
         send("127.0.0.4", begin)
         assert [listening.recv(100) for _ in range(2)] == [close, begin]
-    assert admit_datagrams(port, ["127.0.0.2"]) == "its socket was not found"
+    assert "not found" in admit_datagrams(port, ["127.0.0.2"])
 
 
 def test_a_session_of_datagrams_ends_here_before_there() -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -367,7 +368,8 @@ def test_a_file_that_is_not_there_is_an_error_of_tfbus(
     path = tmp_path / "run.mcap"
     with pytest.raises(tfbus.MissingFileError) as caught:
         opened(path)
-    assert str(caught.value) == f"{path} cannot be read: No such file or directory"
+    reason = os.strerror(errno.ENOENT)
+    assert caught.value.fact.startswith(f"{path} ") and caught.value.fact.endswith(f": {reason}")
     assert (caught.value.errno, caught.value.filename) == (errno.ENOENT, str(path))
     assert isinstance(caught.value, FileNotFoundError)
 

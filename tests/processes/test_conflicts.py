@@ -50,13 +50,10 @@ def test_a_publisher_started_twice_is_told_and_followed(bus: Bus) -> None:
     eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))
     second = start(bus, "arm", "--moving", "tool", "--static", "base", "--x", "2")
     eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (2, 2))
-    lines = eventually(
+    [line] = eventually(
         lambda: [line for line in listening.log.lines if line.startswith("Two processes")]
     )
-    assert lines == [
-        "Two processes publish stream 'arm': /arm was started twice, and the messages of one are "
-        "dropped. Stop one, or give each its own name (--name)"
-    ]
+    assert "stream 'arm': /arm " in line and line.endswith("(--name)")
     second.stop(signal.SIGKILL)
     eventually(lambda: (listening.x_of("tool"), listening.x_of("base")) == (1, 1))
     eventually(lambda: listening.buffer.can_transform("base", "tool", living=True, max_age_s=1.0))
@@ -78,12 +75,10 @@ def test_two_publishers_of_one_frame_are_told_once(bus: Bus) -> None:
     second = start(bus, "two", "--moving", "robot", "--x", "2")
     eventually(listening.warnings)
     (line,) = listening.warnings()
-    assert line.startswith("Two publishers send 'robot': stream 'one' of /one (host ")
-    assert f"pid {first.pid}), and stream 'two' of /two (host " in line
-    assert line.endswith(
-        f"pid {second.pid}); the last to send wins (conflicts='latest'). Stop one, or rename its "
-        "frame"
-    )
+    one, two = line.split(" and ", 1)
+    assert "'robot': stream 'one' of /one " in one and f"pid {first.pid})" in one
+    assert "stream 'two' of /two " in two and f"pid {second.pid})" in two
+    assert "(conflicts='latest')" in two
     assert listening.conflicts() == [("robot", "two", "one")]
     # What the second sent before it listed the frame.
     before = listening.excluded()

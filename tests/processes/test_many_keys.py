@@ -63,7 +63,4 @@ def test_what_is_static_comes_however_many_keys_there_are(
                 )
             )
     (line,) = (line for line in log.lines if line.startswith("Dropped"))
-    assert line.endswith(
-        "transforms come on more than 2 keys, the limit. Do not split streams of many frames. "
-        "Further ones are counted, not logged"
-    )
+    assert "more than 2 keys" in line and "not split streams" in line

@@ -45,7 +45,7 @@ def test_a_stream_that_begins_anew_takes_the_place_of_the_former(
 
 def test_who_is_no_node_has_no_stream() -> None:
     """A broadcaster of anything else is refused with what is right."""
-    with pytest.raises(InvalidArgumentException, match=r"takes a Node, .* not str"):
+    with pytest.raises(InvalidArgumentException, match=r"a Node, .* not str"):
         stream_of_node("robot")  # type: ignore[arg-type]
 
 

@@ -93,7 +93,7 @@ def test_a_new_epoch_restarts_the_stream(
     assert received.buffer.lookup_transform("world", "robot").stamp_ns == 6 * S
     assert received.x_of("post") == 2
     (record,) = caplog.records
-    assert record.getMessage().startswith("Stream 'sim' restarted: its publisher")
+    assert re.match("Stream 'sim' restarted: .*publisher", record.getMessage())
 
 
 def test_messages_of_a_former_epoch_are_outdated(received: Received) -> None:
@@ -123,7 +123,7 @@ def test_an_older_process_that_is_left_alone_counts_again(
     assert (received.x_of("robot"), received.taken_over) == (1, [("sim", 1)])
     assert received.stream.counts.outdated == 4
     twice, restarted = [record.getMessage() for record in caplog.records]
-    assert re.search(r"'sim': /sim was started twice.*\(--name\)$", twice)
+    assert re.search(r"'sim': /sim .* twice.*\(--name\)$", twice)
     assert re.match("Stream 'sim' restarted: .*silent", restarted)
     received.send_static(at(2, "post"), epoch_ns=2)
     received.send_static(at(1, "post"), epoch_ns=1)
@@ -142,7 +142,7 @@ def test_two_processes_do_not_take_turns(
         received.send(at(1, "robot", S), epoch_ns=1)
     assert (received.x_of("robot"), received.taken_over) == (2, [])
     (record,) = caplog.records
-    assert re.search("'sim': its node was started", record.getMessage())
+    assert re.search("'sim': .* started", record.getMessage())
 
 
 def test_a_slow_process_does_not_come_between(received: Received) -> None:
@@ -437,7 +437,7 @@ def test_streams_of_made_up_names_do_not_hide_the_line_of_a_confirmed_one(
     honest.vanish()
     honest.receive_kept(b"bad")
     (line,) = caplog.messages[11:]
-    assert line.startswith("Dropped a message of stream 'sim'")
+    assert line.startswith("Dropped ") and "stream 'sim'" in line
 
 
 def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> None:

@@ -534,7 +534,7 @@ def test_a_stream_of_two_clocks_is_warned_of_once(sender: Node) -> None:
         # The arm's stamps come in disorder, far apart.
         broadcaster.send_transform(at(child="arm", stamp_ns=(100 - 5 * (number % 2)) * S))
     (line,) = log.lines
-    assert re.match("Stream 'sender' restarted 10 times, .*'arm': ", line)
+    assert re.match("Stream 'sender' .* 10 times, .*'arm': ", line)
     assert line.endswith("separate stream (stream=...)")
 
 
@@ -797,15 +797,13 @@ def test_only_a_frame_that_is_sent_can_be_taken_out(sender: Node) -> None:
     static.send_transform(at(child="camera"))
     with pytest.raises(LookupException) as caught:
         broadcaster.remove("leg")
-    assert re.search("'sender' sends .*'leg'; .*'leg4' and 2 more$", str(caught.value))
+    assert re.search("'sender' .*'leg'; .*'leg4' and 2 more$", str(caught.value))
     assert (caught.value.frame, len(caught.value.nearest)) == ("leg", 3)
     with pytest.raises(LookupException, match=r"static frame 'leg'; .*'camera'"):
         static.remove("leg")
-    with pytest.raises(
-        InvalidArgumentException, match="remove it with a StaticTransformBroadcaster"
-    ):
+    with pytest.raises(InvalidArgumentException, match="with a StaticTransformBroadcaster"):
         broadcaster.remove("camera")
-    with pytest.raises(InvalidArgumentException, match="remove it with a TransformBroadcaster"):
+    with pytest.raises(InvalidArgumentException, match="with a TransformBroadcaster"):
         static.remove("leg1")
 
 

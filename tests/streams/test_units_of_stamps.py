@@ -26,10 +26,8 @@ def test_a_stamp_in_another_unit_is_logged_once(sender: Node, factor: int, unit:
     broadcaster.send_transform(at(1.0, stamp_ns=stamp))
     broadcaster.send_transform(TransformBatch.from_transforms([at(2.0, stamp_ns=stamp)]))
     (line,) = log.lines
-    assert line.startswith(
-        f"Sent a transform of 1970: the stamp {stamp} looks like {unit}, but stamps are "
-        f"nanoseconds: tfbus.stamp_ns({stamp // factor}) makes one of seconds"
-    )
+    assert "1970: " in line and f"stamp {stamp} looks like {unit}, " in line
+    assert f"tfbus.stamp_ns({stamp // factor})" in line
 
 
 def test_stamps_of_zero_are_logged_once(sender: Node) -> None:
@@ -42,7 +40,7 @@ def test_stamps_of_zero_are_logged_once(sender: Node) -> None:
     for _ in range(100):
         broadcaster.send_transform(at(stamp_ns=0))
     (line,) = log.lines
-    assert line.startswith("Sent 101 transforms with the stamp 0 in stream ")
+    assert line.startswith("Sent 101 transforms ") and "stamp 0" in line
     assert "node.now_ns()" in line
 
 
@@ -71,10 +69,8 @@ def test_a_stamp_ahead_of_the_clock_is_logged_once_per_stream(sender: Node, as_b
         broadcaster.send_transform(TransformBatch.from_transforms([one]) if as_batch else one)
     TransformBroadcaster(sender, stream="arm").send_transform(at(stamp_ns=time.time_ns() + HOUR_NS))
     first, other = log.lines
-    assert first.startswith(
-        f"Sent a transform 60 min in the future in stream {sender.name!r}: stamp it with the time "
-        "at which it was measured, node.now_ns()"
-    )
+    assert "60 min in the future" in first and f"in stream {sender.name!r}: " in first
+    assert "node.now_ns()" in first
     assert "in stream 'arm'" in other
 
 

@@ -31,15 +31,27 @@ def _let_arrive(a: Part, b: Part) -> None:
     b.expects("mark", "mark=past")
 
 
+def _subscribe(a: Part, b: Part, key: str = "k") -> None:
+    """`b` subscribes to what `a` publishes, which `a` knows then; it comes as "in"."""
+    b.subscriber("in", key)
+    a.publisher(key)
+    a.expect("heard", key, gives=True)
+
+
+def _show_token(a: Part, b: Part, key: str = "t", *, among: str = "") -> None:
+    """`a` has a token, that `b` sees among those that it watches as "seen"."""
+    b.watch("seen", among or key)
+    a.token(key)
+    b.expects("seen", f"+{key}")
+
+
 # Publications
 
 
 @scenario
 def a_message_reaches_a_subscriber_of_another_host(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k/1")
-    a.publisher("k/1")
-    a.expect("heard", "k/1", gives=True)
+    _subscribe(a, b, "k/1")
     a.put("k/1", "x")
     b.expects("in", "k/1=x")
 
@@ -47,9 +59,7 @@ def a_message_reaches_a_subscriber_of_another_host(stage: Stage) -> None:
 @scenario
 def messages_of_one_publisher_come_in_order(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     for number in range(20):
         a.put("k", str(number))
     b.expects("in", *(f"k={number}" for number in range(20)))
@@ -126,9 +136,7 @@ def a_late_subscriber_misses_what_was_sent_before(stage: Stage) -> None:
 @scenario
 def a_subscriber_that_ended_is_no_longer_heard(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     b.end("in")
     a.expect("heard", "k", gives=False)
 
@@ -163,9 +171,7 @@ def a_publisher_is_heard_until_the_last_subscriber_ends(stage: Stage) -> None:
 @scenario
 def a_publisher_is_not_heard_once_its_subscriber_is_killed(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     b.kill()
     a.expect("heard", "k", gives=False)
 
@@ -354,9 +360,7 @@ def a_query_of_its_own_session_ends_when_that_has_closed_it(stage: Stage) -> Non
     a.silent_queryable("q", "q")
     a.ask_later("asked", "q", 60.0)
     # A message there and back passes in the meantime.
-    a.subscriber("in", "k")
-    b.publisher("k")
-    b.expect("heard", "k", gives=True)
+    _subscribe(b, a)
     b.put("k", "x")
     a.expects("in", "k=x")
     a.expects("asked")
@@ -394,9 +398,7 @@ def a_queryable_that_ended_is_no_longer_served(stage: Stage) -> None:
 @scenario
 def a_token_is_seen(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
 
 
 @scenario
@@ -411,17 +413,13 @@ def a_token_that_was_there_before_is_seen(stage: Stage) -> None:
 @scenario
 def a_token_of_its_own_session_is_seen(stage: Stage) -> None:
     a = stage.open("a")
-    a.watch("seen", "t/*")
-    a.token("t/1")
-    a.expects("seen", "+t/1")
+    _show_token(a, a, "t/1", among="t/*")
 
 
 @scenario
 def a_token_ends(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
     a.end("token t/1")
     b.expects("seen", "+t/1", "-t/1")
 
@@ -429,9 +427,7 @@ def a_token_ends(stage: Stage) -> None:
 @scenario
 def a_token_ends_with_its_session(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
     a.close()
     b.expects("seen", "+t/1", "-t/1")
 
@@ -439,9 +435,7 @@ def a_token_ends_with_its_session(stage: Stage) -> None:
 @scenario
 def a_token_ends_with_its_process(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
     a.kill()
     b.expects("seen", "+t/1", "-t/1")
 
@@ -449,9 +443,7 @@ def a_token_ends_with_its_process(stage: Stage) -> None:
 @scenario
 def a_token_ends_when_its_host_is_unplugged_and_comes_back(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
     stage.set_cable("h1", plugged=False)
     b.expects("seen", "+t/1", "-t/1")
     stage.set_cable("h1", plugged=True)
@@ -461,9 +453,7 @@ def a_token_ends_when_its_host_is_unplugged_and_comes_back(stage: Stage) -> None
 @scenario
 def a_token_of_a_stopped_process_ends_and_comes_back(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t/*")
-    a.token("t/1")
-    b.expects("seen", "+t/1")
+    _show_token(a, b, "t/1", among="t/*")
     a.stop()
     b.expects("seen", "+t/1", "-t/1")
     a.go_on()
@@ -510,9 +500,7 @@ def a_watch_that_ended_sees_nothing_more(stage: Stage) -> None:
 @scenario
 def a_token_at_a_hidden_key_is_seen(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "@h/n/*")
-    a.token("@h/n/1")
-    b.expects("seen", "+@h/n/1")
+    _show_token(a, b, "@h/n/1", among="@h/n/*")
 
 
 # Namespaces
@@ -521,9 +509,7 @@ def a_token_at_a_hidden_key_is_seen(stage: Stage) -> None:
 @scenario
 def a_session_of_a_namespace_names_its_keys_without_it(stage: Stage) -> None:
     a, b = _pair(stage, namespace="robot7")
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     a.put("k", "x")
     b.expects("in", "k=x")
 
@@ -638,9 +624,7 @@ def what_ended_while_apart_is_not_known_when_together(stage: Stage) -> None:
 @scenario
 def a_restarted_process_takes_the_place_of_the_former(stage: Stage) -> None:
     a, b = _pair(stage)
-    a.watch("seen", "t")
-    b.token("t")
-    a.expects("seen", "+t")
+    _show_token(b, a)
     b.kill()
     a.expects("seen", "+t", "-t")
     c = stage.open("b", "h2")
@@ -664,9 +648,7 @@ def _star(stage: Stage):
 @scenario
 def a_message_crosses_a_router(stage: Stage) -> None:
     _, a, b = _star(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     a.put("k", "x")
     b.expects("in", "k=x")
 
@@ -681,9 +663,7 @@ def a_query_crosses_a_router(stage: Stage) -> None:
 @scenario
 def a_token_crosses_a_router(stage: Stage) -> None:
     _, a, b = _star(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     a.kill()
     b.expects("seen", "+t", "-t")
 
@@ -708,9 +688,7 @@ def a_router_sees_what_its_clients_declare(stage: Stage) -> None:
 @scenario
 def all_tokens_end_with_the_router(stage: Stage) -> None:
     hub, a, b = _star(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     hub.kill()
     b.expects("seen", "+t", "-t")
 
@@ -733,9 +711,7 @@ def _line(stage: Stage, *, is_mesh: bool = False):
 @scenario
 def a_message_crosses_three_routers(stage: Stage) -> None:
     _, a, b = _line(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     a.put("k", "x")
     b.expects("in", "k=x")
 
@@ -759,9 +735,7 @@ def a_retained_message_crosses_three_routers(stage: Stage) -> None:
 @scenario
 def a_token_crosses_three_routers_and_ends(stage: Stage) -> None:
     _, a, b = _line(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     a.kill()
     b.expects("seen", "+t", "-t")
 
@@ -769,9 +743,7 @@ def a_token_crosses_three_routers_and_ends(stage: Stage) -> None:
 @scenario
 def a_token_ends_with_a_router_on_its_way_and_comes_back(stage: Stage) -> None:
     (_, r2, _), a, b = _line(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     r2.kill()
     b.expects("seen", "+t", "-t")
     stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447")
@@ -781,9 +753,7 @@ def a_token_ends_with_a_router_on_its_way_and_comes_back(stage: Stage) -> None:
 @scenario
 def a_token_ends_while_its_router_is_unplugged(stage: Stage) -> None:
     _, a, b = _line(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.set_cable("h1", plugged=False)
     b.expects("seen", "+t", "-t")
     stage.set_cable("h1", plugged=True)
@@ -803,9 +773,7 @@ def a_token_of_a_router_is_seen_by_clients_of_others(stage: Stage) -> None:
 @scenario
 def a_stopped_router_takes_its_clients_tokens_away(stage: Stage) -> None:
     (r1, _, _), a, b = _line(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     r1.stop()
     b.expects("seen", "+t", "-t")
     r1.go_on()
@@ -815,9 +783,7 @@ def a_stopped_router_takes_its_clients_tokens_away(stage: Stage) -> None:
 @scenario
 def a_mesh_of_routers_delivers_each_message_once(stage: Stage) -> None:
     _, a, b = _line(stage, is_mesh=True)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     for number in range(10):
         a.put("k", str(number))
     b.expects("in", *(f"k={number}" for number in range(10)))
@@ -834,9 +800,7 @@ def a_mesh_of_routers_answers_once(stage: Stage) -> None:
 @scenario
 def a_mesh_of_routers_finds_another_way(stage: Stage) -> None:
     (_, r2, r3), a, b = _line(stage, is_mesh=True)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     _set_ways(stage, "h1", "h3", are_open=False)
     r3.expect("links", gives=sorted([r2.id(), b.id()]))
 
@@ -869,9 +833,7 @@ def a_client_moves_to_its_second_router(stage: Stage) -> None:
     first, second = (r1, r2) if a.links() == [r1.id()] else (r2, r1)
     if first is r2:
         return
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     first.kill()
     a.expect("links", gives=[second.id()])
     b.watch("later", "u")
@@ -909,9 +871,7 @@ def a_peer_reaches_a_client_of_a_router(stage: Stage) -> None:
     a.token("t/a")
     a.publisher("k")
     c.expects("seen", "+t/a")
-    b.watch("seen", "t/c")
-    c.token("t/c")
-    b.expects("seen", "+t/c")
+    _show_token(c, b, "t/c")
     a.expect("heard", "k", gives=True)
     a.put("k", "x")
     c.expects("in", "k=x")
@@ -944,9 +904,7 @@ def a_router_does_not_serve_two_peers_that_never_met(stage: Stage) -> None:
     a.token("t/a")
     c.token("t/c")
     b.expect("living", "t/*", gives=["t/c"])
-    b.subscriber("in", "k")
-    c.publisher("k")
-    c.expect("heard", "k", gives=True)
+    _subscribe(c, b)
     a.publisher("k")
     assert a.heard("k") is False
 
@@ -1000,9 +958,7 @@ def a_router_does_not_serve_two_peers_that_lost_each_other(stage: Stage) -> None
     a, b = stage.open("a", "h1"), stage.open("b", "h2")
     a.expect("links", gives=sorted([hub.id(), b.id()]))
     b.expect("links", gives=sorted([hub.id(), a.id()]))
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     _set_ways(stage, "h1", "h2", are_open=False)
     a.expect("links", gives=[hub.id()])
     b.expect("links", gives=[hub.id()])
@@ -1059,9 +1015,7 @@ def a_client_reaches_its_router_over_udp(stage: Stage) -> None:
 @scenario
 def a_deaf_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.set_deaf("h2", deaf=True)
     a.expect("links", gives=[])
     b.expect("links", gives=[])
@@ -1073,9 +1027,7 @@ def a_deaf_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
 @scenario
 def a_mute_host_is_lost_at_both_ends_and_comes_back(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.set_mute("h1", mute=True)
     b.expect("links", gives=[])
     a.expect("links", gives=[])
@@ -1089,9 +1041,7 @@ def hosts_with_a_way_in_one_direction_lose_each_other(stage: Stage) -> None:
     a, b = _pair(stage)
     c = stage.open("c", "h3")
     c.expect("links", gives=sorted([a.id(), b.id()]))
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.set_way("h1", "h2", is_open=False)
     b.expects("seen", "+t", "-t")
     a.expect("links", gives=[c.id()])
@@ -1113,9 +1063,7 @@ def a_query_of_a_deaf_host_ends(stage: Stage) -> None:
 @scenario
 def a_host_with_another_address_is_met_again(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.roam("h1")
     b.expects("seen", "+t", "-t", "+t")
     a.expect("links", gives=[b.id()])
@@ -1124,9 +1072,7 @@ def a_host_with_another_address_is_met_again(stage: Stage) -> None:
 @scenario
 def a_client_with_another_address_finds_its_router_again(stage: Stage) -> None:
     hub, a, b = _star(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     stage.roam("h1")
     b.expects("seen", "+t", "-t", "+t")
     a.expect("links", gives=[hub.id()])
@@ -1228,9 +1174,7 @@ def an_urgent_message_overtakes_others(stage: Stage) -> None:
 @scenario
 def a_link_that_takes_nothing_more_is_closed(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.watch("seen", "t")
-    a.token("t")
-    b.expects("seen", "+t")
+    _show_token(a, b)
     b.flooded("in", "k")
     a.retained_publisher("k")
     a.expect("heard", "k", gives=True)
@@ -1275,9 +1219,7 @@ def a_router_of_an_unplugged_host_serves_its_clients(stage: Stage) -> None:
 @scenario
 def a_message_of_a_short_failure_is_late(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     a.put("k", "1")
     stage.set_cable("h1", plugged=False)
     a.put("k", "2")
@@ -1289,9 +1231,7 @@ def a_message_of_a_short_failure_is_late(stage: Stage) -> None:
 @scenario
 def a_message_sent_while_apart_is_lost(stage: Stage) -> None:
     a, b = _pair(stage)
-    b.subscriber("in", "k")
-    a.publisher("k")
-    a.expect("heard", "k", gives=True)
+    _subscribe(a, b)
     stage.set_cable("h1", plugged=False)
     a.expect("links", gives=[])
     a.expect("heard", "k", gives=False)

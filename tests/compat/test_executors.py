@@ -139,7 +139,7 @@ def test_the_naive_way_is_told(rclpy: ModuleType) -> None:
         eventually(lambda: len(ticks) > before)
         eventually(lambda: len(warnings.lines) == 3)  # the first is "ready"
     dropped, late = warnings.lines[1:]
-    assert dropped.startswith("Topic scan dropped a message, as 2 wait already: its own callback")
+    assert dropped.startswith("Topic scan dropped ") and "own callback" in dropped
     assert late.startswith("Timer of 10 ms (")
     assert "topic scan took" in late
 

@@ -142,7 +142,7 @@ def test_qos_of_transforms_is_not_applied_and_says_so(
     tf2_ros.TransformBroadcaster(node, QoSProfile(depth=1))
     tf2_ros.StaticTransformBroadcaster(node, 1)
     tf2_ros.TransformListener(tf2_ros.Buffer(), node, qos=5)
-    assert capsys.readouterr().err.count("is not applied: tfbus sends all transforms") == 3
+    assert capsys.readouterr().err.count("is not applied: ") == 3
 
 
 @pytest.mark.parametrize("node", [None, "node", object()])

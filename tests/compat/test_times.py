@@ -102,7 +102,7 @@ def test_what_counts_as_a_time(time: Any, stamp_ns: int) -> None:
 @pytest.mark.parametrize("time", [0, 1.5, None, "now", Duration(seconds=1)])
 def test_what_is_no_time_says_what_to_write(time: Any) -> None:
     """Seconds as a number, and a duration, are refused."""
-    with pytest.raises(TypeError, match=r"must be a Time .*\(seconds="):
+    with pytest.raises(TypeError, match=r"a Time .*\(seconds="):
         stamp_ns_of(time)
 
 

@@ -165,9 +165,9 @@ def test_a_map_by_texts_and_anything_at_all_are_fields_too() -> None:
     """A dict keeps its keys and reads its values; a field of any type is read as it comes."""
     catalogue = Catalogue({"tea": 2.5, "water": 0.0}, [1, {"a": b"b"}])
     assert decode_message(Catalogue, encode_message(catalogue)) == catalogue
-    assert re.search("'prices' .*a map, not a list$", refusal({"prices": [1]}, Catalogue))
+    assert re.search("'prices' .*a map, .*list$", refusal({"prices": [1]}, Catalogue))
     number = refusal({"prices": {"tea": "2"}}, Catalogue)
-    assert re.search(r"'prices\.tea' .*a number, not a text$", number)
+    assert re.search(r"'prices\.tea' .*a number, .*text$", number)
     assert re.search("'prices' .*a key .*a text$", refusal({"prices": {b"tea": 2}}, Catalogue))
 
 
@@ -256,7 +256,7 @@ def test_a_tuple_of_several_types_is_a_list_of_that_length() -> None:
     for wrong in (["world"], "wo"):
         assert re.search("'edge' .*a list of 2$", refusal({"edge": wrong}, Row))
     said = refusal({"edge": ["world", "1"]}, Row)
-    assert re.search(r"'edge\[1\]' .*an integer, not a text$", said)
+    assert re.search(r"'edge\[1\]' .*an integer, .*text$", said)
 
 
 def test_a_text_that_utf_8_cannot_hold_is_an_error_in_one_sentence() -> None:

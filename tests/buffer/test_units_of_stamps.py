@@ -31,27 +31,24 @@ def why(buffer: Buffer, stamp_ns: int, kind: type[ExtrapolationException]) -> st
 def test_a_lookup_at_seconds_is_told_of_nanoseconds(factor: int, unit: str) -> None:
     """Instead of the advice to query a later time."""
     stamp = 1_700_000_000 * factor
-    says = f"the stamp {stamp} looks like {unit}, but stamps are nanoseconds: tfbus.stamp_ns(170000"
-    assert says in why(of(NOW_NS, NOW_NS + S), stamp, PastExtrapolationException)
-    assert says in why(of(NOW_NS), stamp, SingleSampleException)
+    says = f"stamp {stamp} looks like {unit}, .*: tfbus.stamp_ns.170000"
+    assert re.search(says, why(of(NOW_NS, NOW_NS + S), stamp, PastExtrapolationException))
+    assert re.search(says, why(of(NOW_NS), stamp, SingleSampleException))
 
 
 def test_a_publisher_that_sends_seconds_is_named() -> None:
     """Where the lookup is at nanoseconds, the samples are wrong."""
-    says = "its publisher's stamps seem wrong: the stamp 1700000001 looks like seconds"
-    seconds = of(1_700_000_000, 1_700_000_001)
-    assert says in why(seconds, NOW_NS, FutureExtrapolationException)
+    said = why(of(1_700_000_000, 1_700_000_001), NOW_NS, FutureExtrapolationException)
+    assert re.search("its publisher's stamps .* 1700000001 looks like seconds", said)
 
 
 def test_a_lookup_of_the_latest_names_the_publisher_that_sends_seconds() -> None:
     """Where a path has an edge in nanoseconds and one in seconds, they have no common time."""
     buffer = of(NOW_NS, NOW_NS + S)
     buffer.set_transform(moved(1_700_000_001, "base", "gps"), authority="receiver")
-    says = (
-        "'gps', sent by 'receiver': its publisher's stamps seem wrong: the stamp 1700000001 looks"
-    )
-    with pytest.raises(ExtrapolationException, match=f"{says} like seconds") as caught:
+    with pytest.raises(ExtrapolationException, match="1700000001 looks like seconds") as caught:
         buffer.lookup_transform("map", "gps")
+    assert "'gps', sent by 'receiver': its" in str(caught.value)
     assert "common time" not in str(caught.value)
 
 

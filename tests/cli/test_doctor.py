@@ -142,8 +142,7 @@ def test_a_simulated_time_that_is_not_ours_is_found(bus: Bus) -> None:
     keep_sending(robot, "world", "base")
     code, found = examined(bus, "--for", "1")
     assert code == 0
-    report = "the stamps of 1 of 1 publisher follow it, and this doctor does not"
-    assert report in found["clock"]["evidence"][0]
+    assert "1 of 1 publisher follow it" in found["clock"]["evidence"][0]
     assert "--sim-time" in found["clock"]["remedy"]
     assert {found[name]["verdict"] for name in ("rates", "stamps", "gaps")} == {"ok"}
     code, found = examined(bus, "--for", "1", "--sim-time")
@@ -225,11 +224,11 @@ def test_messages_of_a_newer_version_are_named_with_the_remedy(bus: Bus) -> None
     TransformBroadcaster(arm, history_s=0.0).send_transform(at(1.0, "hand"))
     publisher = arm.session.publisher("tf/arm")
     arm.create_timer(0.1, lambda: publisher.put(msgpack.packb({"v": 3})))
-    reason = "a transform message of version 3; this tfbus reads versions 1 and 2: update the older"
+    reason = "version 3; .* versions 1 and 2: update"
     code, found = examined(bus)
     [evidence] = found["refused"]["evidence"]
-    assert code == 1 and reason in evidence and "stream 'arm'" in evidence
-    assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
+    assert code == 1 and re.search(f"stream 'arm' .*{reason}", evidence)
+    assert re.search(reason, " ".join(bus.run("why", "world", "hand").stdout.split()))
 
 
 def test_a_description_of_a_newer_version_is_named_with_the_remedy(
@@ -245,14 +244,13 @@ def test_a_description_of_a_newer_version_is_named_with_the_remedy(
     arm = bus.node("arm")
     broadcaster = TransformBroadcaster(arm, poses="compact")
     arm.create_timer(0.1, lambda: broadcaster.send_transform(at(1.0, "hand", arm.now_ns())))
-    reason = (
-        "the description of stream 'arm' could not be read: a description of version 2; this tfbus "
-        "reads version 1: update the older of the two"
-    )
+    reason = "description of stream 'arm' .* version 2; .* version 1: update"
     done = bus.run("doctor", "--json", "--only", "refused")
     found = json.loads(done.stdout)["refused"]
-    assert (done.returncode, found["verdict"], found["evidence"]) == (1, "fail", [reason])
-    assert reason in " ".join(bus.run("why", "world", "hand").stdout.split())
+    assert (done.returncode, found["verdict"]) == (1, "fail")
+    [evidence] = found["evidence"]
+    assert re.search(reason, evidence)
+    assert re.search(reason, " ".join(bus.run("why", "world", "hand").stdout.split()))
 
 
 def test_a_node_that_is_stopped_is_named(bus: Bus) -> None:

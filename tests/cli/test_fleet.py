@@ -123,8 +123,8 @@ def test_an_unknown_frame_gets_a_hint_about_namespaces(robots: Bus, line: str, k
     """A tool without a namespace says in which ones there is what it does not find."""
     done = robots.run(*line.split())
     assert done.returncode == 1
-    hint = "known in other namespaces: look with --namespace robot3 or robot7, or with --fleet"
-    assert f"{known} {hint}" in done.stderr
+    hint = "known in other namespaces: .* --namespace robot3 or robot7, .* --fleet"
+    assert re.search(f"{known} {hint}", done.stderr)
 
 
 @pytest.mark.parametrize("tool", [("frames", "--watch"), ("monitor",)])

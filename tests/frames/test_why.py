@@ -154,14 +154,11 @@ class TestExplain:
     def test_samples_in_the_future_are_a_bad_sign(self, buffer: Buffer) -> None:
         """The latest lookup has an answer, one at the present time does not: the stamps are why."""
         dynamic(buffer, "arm", "hand", oldest_s=-300.0, newest_s=-302.0)
-        remedy = (
-            "have /sim on lab, pid 7 stamp 'hand' with the time at which it was measured: "
-            "node.now_ns()"
-        )
         report = ask(buffer, "arm", "hand")
         assert verdicts(report) == [("hand", "warn")]
         assert "in the future: " in fault(report, "hand").reason
-        assert report.remedies == (remedy,)
+        (remedy,) = report.remedies
+        assert "/sim on lab, pid 7 stamp 'hand' " in remedy and remedy.endswith(": node.now_ns()")
         report = ask(buffer, "arm", "hand", 0.0)
         assert verdicts(report) == [("hand", "fail")]
         assert " 5 min before its oldest" in fault(report, "hand").reason
@@ -190,8 +187,8 @@ class TestExplain:
         report = ask(buffer, "world", "arm")
         assert report.answer is not None
         assert verdicts(report) == [("base", "ok"), ("arm", "warn")]
-        restart = "start the publisher of 'arm' again: /sim on lab, pid 7"
-        assert report.remedies == (restart,)
+        (restart,) = report.remedies
+        assert restart.endswith("'arm' again: /sim on lab, pid 7")
         assert restart in ask(buffer, "world", "arm", 0.5).remedies
 
     @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Where the links are: laws of forward kinematics, chains, Jacobians and many configurations."""
 
 import math
-import re
 from typing import Any
 
 import numpy as np
@@ -226,8 +225,7 @@ def test_a_pose_that_is_no_number_is_refused() -> None:
         "<joint name='lift' type='prismatic'><parent link='a'/><child link='b'/>"
         "<origin xyz='0 0 1e308'/><axis xyz='0 0 1'/></joint></robot>"
     )
-    said = "joint 'lift' at 1.7e+308 puts link 'b' further away than a number can say"
-    with pytest.raises(InvalidArgumentException, match=re.escape(said)):
+    with pytest.raises(InvalidArgumentException, match=r"joint 'lift' at 1\.7e\+308 .*link 'b'"):
         robot.joint_transforms({"lift": 1.7e308})
 
 
@@ -313,7 +311,7 @@ def test_a_number_of_numpy_is_a_position() -> None:
 def test_a_mimic_that_would_be_infinitely_far_is_refused() -> None:
     """Its joint is where it can be, and the multiplier too large."""
     robot = Robot.from_text(ARM.replace('multiplier="0.01"', 'multiplier="1e308"'))
-    said = "joint 'finger' mimics 'elbow' to a position that is not finite"
+    said = "'finger' mimics 'elbow' .*not finite"
     with pytest.raises(InvalidArgumentException, match=said):
         robot.fk({"elbow": 3.0})
     with pytest.raises(InvalidArgumentException, match=said), np.errstate(over="ignore"):

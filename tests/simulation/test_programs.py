@@ -269,7 +269,7 @@ def test_an_installed_command_is_a_program(network: Network) -> None:
 
 def test_a_command_that_is_not_installed_is_refused(network: Network) -> None:
     """The error says what may be given, and the name that may be meant."""
-    with pytest.raises(SimulationError, match="no command 'tfbuss'.* did you mean 'tfbus'"):
+    with pytest.raises(SimulationError, match=r"no command 'tfbuss'.* did you mean 'tfbus'"):
         network.program("outside", "tfbuss", "frames")
 
 

@@ -454,7 +454,7 @@ class TransformListener:
             stream.reception.fall_silent()
             self._around.lines.info(
                 ("silent", state.name),
-                "Stream %s is silent: its link is lost, or it has ended; it is gone in some seconds",
+                "Stream %s is silent: its link is lost, or it has ended; it is gone in seconds",
                 _name(state),
             )
         elif state.alive and not former.alive:

@@ -75,7 +75,7 @@ def add_note(error: BaseException | None) -> None:
     else:
         return
     note = note.removeprefix("; ")
-    if note not in f"{error}{getattr(error, '__notes__', '')}":
+    if note and note not in f"{error}{getattr(error, '__notes__', '')}":
         error.add_note(note)
 
 
@@ -85,7 +85,7 @@ def _use(ours: str) -> str:
 
 def _on_missing(of: object, name: str | None) -> str:
     kinds = (of if isinstance(of, type) else type(of)).__mro__
-    if any(each.__module__.startswith("tfbus.compat.") for each in kinds):
+    if any(str(each.__module__).startswith("tfbus.compat.") for each in kinds):
         return ""  # it has the names of ROS
-    ours = [each.__name__ for each in kinds if each.__module__.startswith("tfbus.")]
+    ours = [each.__name__ for each in kinds if str(each.__module__).startswith("tfbus.")]
     return next((hint(each, name) for each in ours if each in _OURS), "")

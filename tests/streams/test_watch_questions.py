@@ -13,6 +13,7 @@ from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import LAN, NodeSettings
+from tfbus.runtime.own_pauses import OwnPauses
 from tfbus.streams import wanted, watch
 from tfbus.streams.info import StreamState
 from tfbus.streams.watch import StreamWatch
@@ -50,6 +51,7 @@ class Questions:
         self.describe: Callable[..., None]
         self.settings = NodeSettings("listener")
         monkeypatch.setattr(scheduler, "monotonic", lambda: self.now_s)
+        monkeypatch.setattr(watch, "own_pauses", OwnPauses)
         monkeypatch.setattr(watch, "ask_for_description", self.ask)
         monkeypatch.setattr(watch, "ask_for_descriptions", self.ask_together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
@@ -96,6 +98,13 @@ class Questions:
 
     def after(self, delay_s: float, job: Callable[[], None]) -> None:
         heapq.heappush(self._due, (self.now_s + delay_s, next(self._order), job))
+
+    def every(self, period_s: float, job: Callable[[], None]) -> None:
+        def tick() -> None:
+            job()
+            self.every(period_s, job)
+
+        self.after(period_s, tick)
 
     def run(self, end_s: float) -> None:
         """Let the time go by until then."""

@@ -39,7 +39,8 @@ class OwnPauses:
         now_s = scheduler.monotonic()
         if now_s - self._looked_s > _LOOK_EVERY_S + _LATE_S:
             self._ended_s = now_s
-        return max(0.0, self._ended_s + _LINKED_WITHIN_S - now_s)
+        since_s = now_s - self._ended_s
+        return _LINKED_WITHIN_S - since_s if 0.0 <= since_s < _LINKED_WITHIN_S else 0.0
 
     def after(
         self,

@@ -12,12 +12,12 @@ from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.names import is_printable
-from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import replace
 from tfbus.base.wording import printable, stamp_text
 from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
+from tfbus.runtime.own_pauses import own_pauses
 from tfbus.streams.frame_names import StreamRights
 from tfbus.streams.info import MOST_GONE, StreamState
 from tfbus.streams.queries import (
@@ -598,8 +598,9 @@ class StreamWatch:
             return
         waiting = {key: self._state(key).description for key in self._gathered}
         self._gathered.clear()
-        if self._wanted is not None and 2 * len(waiting) < len(self._living):
-            # Most of the answers would be about others.
+        if 2 * len(waiting) < len(self._living):
+            # Most of the answers would be about others: as of robots whose routers come back one
+            # after the other.
             for key in waiting:
                 self._ask_for_description(key)
             return

@@ -461,18 +461,19 @@ def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> No
 def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
     received: Received,
 ) -> None:
-    """Two publish the stream, and list the same: the set of the first is not that of the second,
-    also where it comes again, until it has sent its own.
+    """Three publish the stream, and list the same: the sets of the first two are not that of the
+    last, also where they come again, or late, until it has sent its own.
     """
     stream, frames = received.stream, frozenset({"post"})
     received.send_static(at(1, "post"))
     stream.describe(1, frames, frames, ("/sim", 1, "a"), confirmed=True)
     assert not stream.statics.are_lacking()
-    stream.describe(2, frames, frames, ("/sim", 2, "b"), confirmed=True)
-    received.send_static(at(1, "post"))
-    assert stream.statics.are_lacking()
-    received.send_static(at(2, "post"), epoch_ns=2)
-    assert (stream.statics.are_lacking(), received.x_of("post")) == (False, 2)
+    stream.describe(3, frames, frames, ("/sim", 3, "c"), confirmed=True)
+    for number in (1, 2):
+        received.send_static(at(number, "post"), epoch_ns=number)
+        assert stream.statics.are_lacking()
+    received.send_static(at(3, "post"), epoch_ns=3)
+    assert (stream.statics.are_lacking(), received.x_of("post")) == (False, 3)
 
 
 def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:

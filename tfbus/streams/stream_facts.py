@@ -316,8 +316,8 @@ class StaticSet:
         self._seq: int | None = None
         # False where the set may have changed since it last came.
         self._is_current = True
-        # The epoch of the set of a former process, which another one has taken over from.
-        self._former_ns: int | None = None
+        # Sets of earlier epochs are of former processes; None once the present one's has come.
+        self._own_from_ns: int | None = None
 
     def replace(self, message: TransformMessage, *, is_current: bool) -> frozenset[str] | None:
         """Take the set of a message; `is_current` if its publisher is not gone.
@@ -325,9 +325,9 @@ class StaticSet:
         Returns the children that the former set of this epoch had and the new one does not; None,
         with nothing replaced, if a later set of this epoch is there.
         """
-        if message.epoch_ns != self._former_ns:
+        if self._own_from_ns is None or message.epoch_ns >= self._own_from_ns:
             self._is_current |= is_current
-            self._former_ns = None
+            self._own_from_ns = None
         is_same_epoch = message.epoch_ns == self.epoch_ns
         if is_same_epoch and _is_before(message.seq, self._seq):
             return None
@@ -349,14 +349,14 @@ class StaticSet:
 
     def expire_before(self, started_ns: int) -> None:
         """Another process publishes the stream, which began then: a set of before is not its own,
-        even if it comes again.
+        even if it comes only now.
         """
-        if self.epoch_ns is not None and self.epoch_ns < started_ns:
-            self._is_current, self._former_ns = False, self.epoch_ns
+        if self.epoch_ns is None or self.epoch_ns < started_ns:
+            self._is_current, self._own_from_ns = False, started_ns
 
     def accept_any(self) -> None:
         """Another process publishes the stream: take its set, whatever its epoch and number."""
-        self.epoch_ns = self._seq = self._former_ns = None
+        self.epoch_ns = self._seq = self._own_from_ns = None
         self._is_current = False
 
     def clear(self) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from tests.builders import store_of
-from tests.streams.received import watch_of
+from tests.streams.received import registry_of, watch_of
 from tfbus.base.executor import Executor
 from tfbus.streams.listener import TransformListener
 from tfbus.testing.zenoh_session import ZenohSession
@@ -19,6 +19,8 @@ FORGOTTEN_WITHIN_S = 20.0
 MOST_READY, MOST_DUE, MORE_A_STREAM = 50, 50, 3
 # A session declares so much, and waits for the ends of so many queries; more with streams.
 MOST_DECLARED, MOST_ASKED, MORE_ASKED_A_STREAM = 60, 120, 10
+# The streams of a history, with five frames each, take so much in its listener's estimate.
+MOST_BYTES_A_STREAM = 30_000
 # A node of a history has no more questions under way at once, each of which may wait for a frame.
 MOST_WAITERS = 20
 
@@ -36,6 +38,9 @@ def beyond(part: "Part", gone_for_s: dict[str, float]) -> Iterator[str]:
         yield from _full(executor, MORE_A_STREAM * len(gone_for_s))
     for session in part.process.sessions:
         yield from _full_tables(session, len(gone_for_s))
+    taken = listener._budget.bytes
+    if taken > MOST_BYTES_A_STREAM * len(registry_of(listener).streams()):
+        yield f"its streams take {taken} bytes"
     waiters = part.buffer.waiting
     if waiters > MOST_WAITERS:
         yield f"{waiters} lookups wait in a buffer"

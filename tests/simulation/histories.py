@@ -12,6 +12,7 @@ import tfbus
 from tests.simulation.laws import Laws
 from tests.simulation.model import Publisher, Sent
 from tests.simulation.plans import LARGE, PLAIN, Action, Plan
+from tests.simulation.told import Told
 from tfbus.base import scheduler
 from tfbus.base.errors import TfbusError
 from tfbus.geometry.columns import Columns
@@ -66,6 +67,7 @@ class Part:
     node: Any
     listener: Any
     buffer: Any
+    told: Told
     options: dict[str, Any] = field(default_factory=dict)
     slots: list[str] = field(default_factory=list)
     began_s: float = 0.0
@@ -409,6 +411,7 @@ class Run:
     def _listen(self, who: str, process: Process, node: Any, options: dict[str, Any]) -> None:
         rule: Any = self.plan.rule
         buffer = tfbus.Buffer(self.plan.size.cache_s)
+        told = Told(buffer)
         listener = tfbus.TransformListener(buffer, node, conflicts=rule, **options)
         slots = [*self.plan.publishers]
         if "reads" in options:
@@ -417,7 +420,7 @@ class Run:
                 for frame in ("moving", "fixed0", "fixed1", "fixed2"):
                     listener.need("world", f"{slot}_{frame}")
             listener.need("world", "shared")
-        part = Part(who, process, node, listener, buffer, options, slots, self.now_s)
+        part = Part(who, process, node, listener, buffer, told, options, slots, self.now_s)
         buffer.on_change(lambda change: self.laws.check_change(part, change))
         self.parts.append(part)
 

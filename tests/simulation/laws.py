@@ -215,6 +215,8 @@ class Laws:
         if strange := states.keys() - self._run.plan.publishers.keys():
             self._run.violate(f"{part.name}: there are no streams {strange}")
         self._check_budgets(part, states)
+        if mistake := part.told.mistake():
+            self._suspect(f"{part.name}: {mistake}")
         # An error for an unknown frame names near ones, which takes long.
         frames = set(part.buffer.frames())
         for slot in self._run.plan.publishers:
@@ -312,6 +314,10 @@ class Laws:
         sent, found = self._run.sent, _samples(part.buffer, frame)
         if found is None:
             return
+        # The one before the first may be older, for what lies between the two.
+        span_s = (found.stamps_ns[-1] - found.stamps_ns[:2][-1]) / 1e9
+        if span_s > self._run.plan.size.cache_s:
+            self._suspect(f"{part.name}: {frame} has samples over {span_s:.1f} s")
         series = {x: sent.of(x) for x in set(found.xyz[:, 0].tolist())}
         for x, each in series.items():
             if each is None or each.frame != frame:

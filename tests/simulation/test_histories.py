@@ -9,10 +9,12 @@ from pathlib import Path
 
 import pytest
 
+import tfbus
 from tests.simulation.histories import Part, Run, shrunk, violation
 from tests.simulation.injected import injected
 from tests.simulation.model import Publisher
 from tests.simulation.plans import LARGE, SMALL, Plan, Size
+from tests.simulation.told import Told
 from tfbus.buffer.info import Change
 
 # Histories that a defect of tfbus or of a law made fail: the seed, and which actions are left.
@@ -94,8 +96,20 @@ def test_the_end_of_a_process_is_under_way_for_longer_where_tasks_stall(
         host = network.host("h0")
         process = network.start(host.name, "l9", lambda: None)
         run.laws.died_s[publisher.number] = run.now_s - 20.0
-        run.laws.check_change(Part("l9", process, None, None, None), change)
+        run.laws.check_change(Part("l9", process, None, None, None, Told(tfbus.Buffer())), change)
     assert bool(run.violations) is not is_allowed
+
+
+def test_a_frame_of_which_a_buffer_has_not_told_is_noticed() -> None:
+    """The frames by its changes are held against those that it has, gone ones as such."""
+    buffer = tfbus.Buffer()
+    told = Told(buffer)
+    arm = tfbus.TransformStamped(1, "world", "arm", tfbus.Transform())
+    buffer.set_transform(arm, authority="robot")
+    assert told.mistake() == ""
+    buffer.mark_gone(["arm"], True, "robot")
+    assert told.mistake() == ""
+    assert "('arm', True)" in Told(buffer).mistake()
 
 
 def test_a_defect_that_is_put_back_is_found() -> None:

@@ -33,6 +33,29 @@ def test_a_frame_that_was_removed_before_the_first_list_goes(network: Network) -
     assert buffer.frames() == ["kept", "world"]
 
 
+def test_a_frame_stays_removed_though_what_was_kept_of_it_comes_late(network: Network) -> None:
+    """The history of its stream waits for room on the link, and its publisher ends meanwhile."""
+    robot, base = network.host("robot"), network.host("base")
+    frames = ["kept", "removed"]
+    with network.process(robot, "sim"):
+        node = tfbus.Node("sim")
+        broadcaster = tfbus.TransformBroadcaster(node, history_s=5.0)
+    node.create_timer(0.25, lambda: _send(broadcaster, node, *frames))
+    network.run(6.0)
+    network.path(robot, base, delay_s=0.05, bytes_a_second=1500)
+    with network.process(base, "listener"):
+        buffer = tfbus.Buffer()
+        listener = tfbus.TransformListener(buffer, tfbus.Node("listener"), history_s=5.0)
+    network.run(until=lambda: "removed" in buffer.frames() and listener.streams()[0].frames)
+    network.run(0.8)
+    broadcaster.remove(frames.pop())
+    network.run(until=lambda: buffer.frames() == ["kept", "world"])
+    network.run(0.5)
+    network.kill("robot/sim")
+    network.run(15.0)
+    assert buffer.frames() == ["kept", "world"]
+
+
 def test_a_robot_that_is_looked_up_no_longer_leaves_nothing(network: Network) -> None:
     """A listener of a fleet that looks at one robot after the other keeps the frames, descriptions
     and counts of the last ones only, and answers for one of before as at first.

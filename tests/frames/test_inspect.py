@@ -1,5 +1,6 @@
 """`tfbus.inspect`: the bus at one moment and its changes, live and recorded alike."""
 
+import math
 from dataclasses import asdict
 from pathlib import Path
 from random import Random
@@ -151,6 +152,27 @@ def test_a_moment_outside_of_a_recording_is_refused(tmp_path: Path) -> None:
         assert recorded.at(recorded.end_ns).frames["base"].rate_hz == pytest.approx(10.0)
     with pytest.raises(InvalidArgumentException, match="file"):
         Recorded()
+
+
+@pytest.mark.parametrize(
+    ("from_s", "to_s", "period_s", "word"),
+    [
+        (1.5, 0.5, 0.2, "ends before"),
+        (0.5, 9.0, 0.2, "not in the recording"),
+        *[(0.5, 1.5, period_s, "period_s") for period_s in (0.0, -1.0, math.nan, math.inf, "1")],
+    ],
+)
+def test_a_span_that_is_none_is_refused_at_once(
+    tmp_path: Path, from_s: float, to_s: float, period_s: Any, word: str
+) -> None:
+    """Before the first change is asked for; and a moment is a whole number of ns."""
+    path = write(tmp_path / "run.mcap", steadily(publisher("sim"), 0.0, 2.0, ("world", "base")))
+    with Recorded(path) as recorded:
+        with pytest.raises(InvalidArgumentException, match=word):
+            recorded.changes(at(from_s), at(to_s), period_s)
+        not_whole: Any = at(1.0) + 0.5
+        with pytest.raises(InvalidArgumentException, match="integer"):
+            recorded.at(not_whole)
 
 
 def test_a_missing_file_is_an_error_of_tfbus(tmp_path: Path) -> None:

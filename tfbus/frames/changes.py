@@ -7,10 +7,12 @@ from typing import Literal
 
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.wording import duration, listed
+from tfbus.buffer.explain import check_seconds
 from tfbus.frames.moment import BusMoment, FrameStatus, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.snapshot import Problem
-from tfbus.recording.items import EventItem
+from tfbus.geometry.transform import check_stamp
+from tfbus.recording.items import EventItem, check_span
 from tfbus.recording.reader import RecordingReader
 from tfbus.wire.fleet import Fleet
 
@@ -28,6 +30,9 @@ ChangeKind = Literal[
     "problem begun",
     "problem ended",
 ]
+
+# Between two looks.
+_LEAST_PERIOD_S, _LONGEST_PERIOD_S = 1e-3, 1e9
 
 # The faults in which nothing of a frame comes.
 _AWAY = ("gone", "stale")
@@ -48,6 +53,11 @@ class BusChange:
     name: str
     text: str
     problem: Problem | None = None
+
+
+def check_period(period_s: object) -> None:
+    """Raise InvalidArgumentException for no time between two looks."""
+    check_seconds(period_s, "period_s", least=_LEAST_PERIOD_S, most=_LONGEST_PERIOD_S)
 
 
 class Changes:
@@ -171,14 +181,19 @@ class Recorded:
         self, from_ns: int | None = None, to_ns: int | None = None, period_s: float = 0.2
     ) -> Iterator[BusChange]:
         """The changes between two log times, by default of the whole recording: first of all that
-        is there, then each at an event, or at most `period_s` later.
+        is there, then each at an event, or at most `period_s` later. Errors as `at`.
         """
+        check_span(from_ns, to_ns)
+        check_period(period_s)
         first_ns = self.start_ns if from_ns is None else self._check(from_ns)
         last_ns = self.end_ns if to_ns is None else self._check(to_ns)
+        return self._changes(first_ns, last_ns, round(period_s * 1e9))
+
+    def _changes(self, first_ns: int, last_ns: int, period_ns: int) -> Iterator[BusChange]:
         frames, changes = self._frames(), Changes()
         frames.seek(first_ns)
         yield from changes.to(frames.moment())
-        for each in frames.play(last_ns, round(period_s * 1e9)):
+        for each in frames.play(last_ns, period_ns):
             if isinstance(each, EventItem | Tick):
                 yield from changes.to(frames.moment())
         yield from changes.to(frames.moment())
@@ -187,6 +202,7 @@ class Recorded:
         return RecordedFrames(self._reader, namespace=self._namespace, fleet=self._fleet)
 
     def _check(self, at_ns: int) -> int:
+        check_stamp(at_ns, "log time")
         if not self._reader.start_ns <= at_ns <= self._reader.end_ns:
             raise InvalidArgumentException(
                 f"at_ns: {at_ns} is not in the recording, which is of the log times "

@@ -38,6 +38,7 @@ from tfbus.recording.items import (
     Selection,
     TransformItem,
     Viewpoint,
+    check_span,
     is_of_transforms,
 )
 from tfbus.recording.reader import RecordingReader, StreamSummary, TopicSummary
@@ -218,7 +219,7 @@ class Recording(AbstractContextManager["Recording"]):
 
         Raises InvalidArgumentException for a span that ends before it begins.
         """
-        _check_span(from_ns, to_ns)
+        check_span(from_ns, to_ns)
         return self._reader.items(from_ns, to_ns, selection)
 
     @overload
@@ -252,7 +253,7 @@ class Recording(AbstractContextManager["Recording"]):
         `trajectory` and `buffer` have, and for a span that ends before it begins, and DecodeError
         for a message of another type.
         """
-        _check_span(from_ns, to_ns)
+        check_span(from_ns, to_ns)
         topic = topic.removeprefix("/")
         if is_of_transforms(topic):
             raise InvalidArgumentException(
@@ -412,7 +413,7 @@ class Recording(AbstractContextManager["Recording"]):
         from it to the target, if all edges between have data. Raises as `Buffer.trajectory`,
         and InvalidArgumentException for a span that ends before it begins.
         """
-        _check_span(from_ns, to_ns)
+        check_span(from_ns, to_ns)
         first_ns, last_ns = self._stamps_from(from_ns), self._stamps_to(to_ns)
         found: list[Trajectory] = []
         reason: TransformException | None = None
@@ -453,7 +454,7 @@ class Recording(AbstractContextManager["Recording"]):
         InvalidArgumentException for a span that ends before it begins.
         """
         check_frame_id(frame, "frame")
-        _check_span(from_ns, to_ns)
+        check_span(from_ns, to_ns)
         known = {each.name: each for each in self.frames()}
         if frame not in known:
             raise LookupException(
@@ -499,7 +500,7 @@ class Recording(AbstractContextManager["Recording"]):
         frames whose publisher was gone at the end are marked so. In a pause of the recorder
         lookups raise ExtrapolationException.
         """
-        _check_span(from_ns, to_ns)
+        check_span(from_ns, to_ns)
         buffer = Buffer(**{"cache_time_s": math.inf, **arguments})
         clock = buffer.clock
         frames = RecordedFrames(
@@ -634,17 +635,6 @@ class Recording(AbstractContextManager["Recording"]):
             return error
         return NoDataException(
             f"no samples between '{target_frame}' and '{source_frame}' in that span"
-        )
-
-
-def _check_span(from_ns: int | None, to_ns: int | None) -> None:
-    """Raise InvalidArgumentException for no stamps, and a span that ends before it begins."""
-    for stamp_ns in (from_ns, to_ns):
-        if stamp_ns is not None:
-            check_stamp(stamp_ns)
-    if from_ns is not None and to_ns is not None and to_ns < from_ns:
-        raise InvalidArgumentException(
-            f"the span ends before it begins: from_ns is {from_ns}, to_ns is {to_ns}"
         )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.buffer.buffer import Buffer
-from tfbus.frames.changes import BusChange, Changes
+from tfbus.frames.changes import BusChange, Changes, check_period
 from tfbus.frames.command_listener import Listening, meet_publishers
 from tfbus.frames.moment import BusMoment
 from tfbus.node.node import Node
@@ -52,6 +52,10 @@ class Watch:
         """The changes of the bus, until the node is closed: first of all that is there, then each
         when it is noticed, at most `period_s` later.
         """
+        check_period(period_s)
+        return self._changes(period_s)
+
+    def _changes(self, period_s: float) -> Iterator[BusChange]:
         changes = Changes()
         while self._node.ok:
             yield from changes.to(self.now())

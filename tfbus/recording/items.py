@@ -17,6 +17,7 @@ from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.lazy_numpy import NDArray
 from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
+from tfbus.geometry.transform import check_stamp
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import message_of
 from tfbus.wire.fleet import Fleet, FrameNames, has_name
@@ -401,3 +402,14 @@ def waits_between(log_ns: Ints, pauses: Sequence[Pause]) -> Waits:
         length_ns[at] = max(before_ns, after_ns)
         is_whole[at] = False
     return Waits(from_ns, length_ns, is_whole)
+
+
+def check_span(from_ns: int | None, to_ns: int | None) -> None:
+    """Raise InvalidArgumentException for no stamps, and a span that ends before it begins."""
+    for stamp_ns in (from_ns, to_ns):
+        if stamp_ns is not None:
+            check_stamp(stamp_ns)
+    if from_ns is not None and to_ns is not None and to_ns < from_ns:
+        raise InvalidArgumentException(
+            f"the span ends before it begins: from_ns is {from_ns}, to_ns is {to_ns}"
+        )

@@ -19,6 +19,7 @@ from tfbus.bus.query import Query
 from tfbus.bus.session import Session
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
+from tfbus.wire.limits import Limits
 
 
 def look(bus: Bus, namespace: str = "") -> Session:
@@ -202,3 +203,12 @@ def test_an_unreadable_answer_is_an_answer(bus: Bus) -> None:
     assert "'/odd'" in str(ask().unreadable[0])
     for each in (declared, *tokens):
         each.close()
+
+
+def test_a_node_that_cannot_describe_itself_says_why(bus: Bus) -> None:
+    """As where its description is larger than its limit."""
+    bus.node("sim", limits=Limits(description=100))
+    session = look(bus)
+    eventually(lambda: "/sim" in list_nodes(session))
+    with pytest.raises(BusError, match="limit of description is 100 B"):
+        describe_nodes(session, "sim")

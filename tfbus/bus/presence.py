@@ -141,10 +141,11 @@ def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     key = key_beside(name, node_key, session.settings.namespace)
     answers = [*session.ask(key, timeout_s=PATIENCE_S)]
     described = [read_node(session, answer) for answer in answers if answer.refusal is None]
+    if not described and not answers:
+        raise BusError(_absent(name, session))
     if not described:
-        raise BusError(
-            f"node {name!r} did not answer in time" if answers else _absent(name, session)
-        )
+        why = next(filter(None, (answer.refusal for answer in answers)), "")
+        raise BusError(f"node {name!r} did not answer{f': {why}' if why else ' in time'}")
     return described
 
 

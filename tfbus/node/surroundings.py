@@ -307,12 +307,12 @@ class NodeInfo:
         return {"identity": closed.identity.name, "rights": closed.digest}
 
     def _on_info_query(self, query: Query) -> None:
-        described = self.describe()
-        if self._has_changed(described, query.parameter("changed")):
-            if query.parameter("definitions"):
-                described["definitions"] = self._definitions()
-            query.answer(node_key(self._name), encode_map(described))
-        query.close()
+        with query.answering("the description of the node"):
+            described = self.describe()
+            if self._has_changed(described, query.parameter("changed")):
+                if query.parameter("definitions"):
+                    described["definitions"] = self._definitions()
+                query.answer(node_key(self._name), encode_map(described))
 
     def _has_changed(self, described: dict[str, Any], within: str | None) -> bool:
         """Whether the description has changed in the last seconds, by more than the counts of

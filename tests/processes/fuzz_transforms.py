@@ -24,6 +24,7 @@ import msgpack
 
 from tests.builders import description
 from tests.processes.fuzz_tools import Tools
+from tests.streams.received import appear
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
 from tfbus.streams.info import StreamInfo, StreamState, stream_info
@@ -253,7 +254,7 @@ class Target:
         if self.received % REAPPEARS == 0:
             # So an epoch that a spoilt message made up does not outlive it for long.
             stream.vanish()
-            stream.appear()
+            appear(stream)
         self.received += 1
         before = self._counts()
         self.keys[static].receive(payload)

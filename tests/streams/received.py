@@ -27,6 +27,12 @@ def receive(listener: TransformListener, key: str, data: bytes) -> None:
     listener._on_message(key, data)
 
 
+def appear(stream: StreamReception) -> None:
+    """The publisher of a stream is there, for the first time or again, with the list it had."""
+    stream.arrive()
+    stream.marks.update()
+
+
 class Takeovers(ReceptionHooks):
     """Notes which stream's other process counts from which epoch on."""
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from tests.builders import S, at, payload
-from tests.streams.received import Received
+from tests.streams.received import Received, appear
 from tfbus import Buffer
 from tfbus.base.log import LogOnce
 from tfbus.streams.conflicts import Resolution
@@ -173,10 +173,10 @@ def test_late_messages_do_not_bring_a_former_process_back(
 
 def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
     """After its token was lost an earlier epoch is new too: its clock went back."""
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(1, "robot", 9 * S), epoch_ns=2)
     received.stream.vanish()
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(2, "robot", 1 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
     assert received.stream.counts.outdated == 0
@@ -184,11 +184,11 @@ def test_a_host_without_a_clock_battery_may_restart(received: Received) -> None:
 
 def test_statics_of_an_earlier_epoch_follow_its_first_dynamic_message(received: Received) -> None:
     """If that message comes before its token, the set of the process before does not stay."""
-    received.stream.appear()
+    appear(received.stream)
     received.send_static(at(1, "post"), epoch_ns=2)
     received.stream.vanish()
     received.send(at(2, "robot", 1 * S), epoch_ns=1)
-    received.stream.appear()
+    appear(received.stream)
     received.describe("post", "robot", epoch_ns=1)
     received.send_static(at(2, "post"), epoch_ns=1)
     assert received.x_of("post") == 2
@@ -198,7 +198,7 @@ def test_a_publisher_that_was_heard_again_keeps_its_epoch(received: Received) ->
     """A link that was down for a while does not make earlier epochs new."""
     received.send(at(1, "robot", 9 * S), epoch_ns=2)
     received.stream.vanish()
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(2, "robot", 10 * S), epoch_ns=2)
     received.send(at(3, "robot", 11 * S), epoch_ns=1)
     assert received.x_of("robot") == 2
@@ -266,23 +266,23 @@ def test_a_frame_that_another_sends_now_is_not_removed(received: Received) -> No
 
 def test_all_frames_of_a_stream_go_and_come_with_its_token(received: Received) -> None:
     """While the publisher is gone, dynamic and static frames are marked, and stay usable."""
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(1, "robot"))
     received.send_static(at(2, "post"))
     received.describe("robot", "post")
     received.stream.vanish()
     assert received.gone() == ["post", "robot"]
     assert (received.x_of("robot"), received.x_of("post")) == (1, 2)
-    received.stream.appear()
+    appear(received.stream)
     assert received.gone() == []
 
 
 def test_frames_that_no_list_names_are_back_with_the_first_message(received: Received) -> None:
     """A token alone may be that of another process, which sends other frames."""
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(1, "robot"), at(2, "arm"))
     received.stream.vanish()
-    received.stream.appear()
+    appear(received.stream)
     assert received.gone() == ["arm", "robot"]
     received.send(at(1, "robot", 2 * S))
     assert received.gone() == []
@@ -302,7 +302,7 @@ def test_no_frame_is_back_in_the_middle_of_a_restart(received: Received) -> None
         """The buffer, which another thread reaches before the samples are dropped."""
 
         def forget(self, *args: Any) -> None:
-            received.stream.mark()
+            received.stream.marks.update()
             received.buffer.forget(*args)
 
         def __getattr__(self, name: str) -> Any:
@@ -315,7 +315,7 @@ def test_no_frame_is_back_in_the_middle_of_a_restart(received: Received) -> None
 
 def test_a_late_message_does_not_bring_a_publisher_back(received: Received) -> None:
     """Frames of a message that comes after the publisher is gone are marked as gone too."""
-    received.stream.appear()
+    appear(received.stream)
     received.send(at(1, "robot"))
     received.stream.vanish()
     received.send(at(2, "robot", 2 * S), at(2, "arm", 2 * S))
@@ -452,7 +452,7 @@ def test_listed_statics_that_have_not_come_are_lacking(received: Received) -> No
     assert not stream.statics.are_lacking()
     stream.vanish()
     assert not stream.statics.are_lacking()
-    stream.appear()
+    appear(stream)
     assert stream.statics.are_lacking()
     received.send_static(at(1, "post"), at(2, "lamp"))
     assert not stream.statics.are_lacking()

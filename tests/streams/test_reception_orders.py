@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, rule
 
 from tests.builders import S, at, examples, payload
+from tests.streams.received import appear
 from tfbus import Buffer
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.wire.transforms import TransformReader
@@ -77,7 +78,7 @@ class Orders(RuleBasedStateMachine):
 
     @rule()
     def appear(self) -> None:
-        self.stream.appear()
+        appear(self.stream)
 
     @rule()
     def vanish(self) -> None:

@@ -295,7 +295,7 @@ class RecordedFrames:
         if item.stream.name not in self._described:
             stream.describe_by(item, rows.pairs(), rows.frames)
         if item.static:
-            stream.reception.take_recorded_statics(message, item.log_ns)
+            stream.reception.statics.accept(message, item.log_ns)
         else:
             key = rows.frames[rows.pairs()[0][1]] if item.stream.split and rows.count else ""
             stream.key(key).take_recorded(message, item.log_ns)
@@ -610,7 +610,7 @@ class _HeardStream:
             description = names.description_outside(description)
             self.reception.take_description(description)
         if not was_alive:
-            self.reception.mark()
+            self.reception.marks.update()
         self.state = replace(
             self.state, alive=True, description=description or self.state.description
         )

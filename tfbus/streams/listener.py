@@ -426,7 +426,7 @@ class TransformListener:
             self._registry.forget_removed(described)
         if state.alive and not former.alive:
             # By what it says of itself now: frames that a new process has not sent are not back.
-            stream.reception.mark()
+            stream.reception.marks.update()
         if state.alive and not state.silent and self._reads_statics(stream, state):
             self._recovery.check(state.key, stream.reception)
         self._conflicts.judge(state.name, description if state.alive else None)

@@ -148,10 +148,6 @@ class StreamReception:
         with facts.lock:
             facts.counts.add_kept(len(rows), len(payload), delay_s)
 
-    def take_recorded_statics(self, message: TransformMessage, heard_ns: int) -> None:
-        """Receive the static transforms of a recording, which came at `heard_ns`."""
-        self.statics.accept(message, heard_ns)
-
     def hold(self, epoch_ns: int, payload: bytes) -> None:
         """Read a message again when the numbers of all its frames are described."""
         with self.facts.lock:
@@ -290,20 +286,11 @@ class StreamReception:
             self.facts.buffer.remove_sent(frames, self.name)
             self.around.on_overlap(self.name, frames)
 
-    def appear(self) -> None:
-        """The publisher is there, for the first time or again, with the description it had."""
-        self.arrive()
-        self.mark()
-
     def arrive(self) -> None:
-        """The publisher is there; `mark` follows when its description has been taken."""
+        """The publisher is there; `marks.update` follows when its description has been taken."""
         with self.facts.lock:
             self.facts.epochs.appear()
             self.marks.invalidate()
-
-    def mark(self) -> None:
-        """Mark its frames in the buffer as gone, or not."""
-        self.marks.update()
 
     def fall_silent(self) -> None:
         """The publisher is out of reach: what it sends once may change meanwhile."""

@@ -63,6 +63,13 @@ def robot(bus: Bus, tmp_path: Path) -> Robot:
     return Robot(bus, tmp_path / "kept")
 
 
+def recording_of_base(bus: Bus, path: Path, *options: str) -> Program:
+    """A recorder of the fleet at the base, which has just begun."""
+    started = Bus(bus.network, "base").start("bag", "record", "--fleet", *options, "-o", str(path))
+    started.wait_for_line("Recording to")
+    return started
+
+
 def items_of(path: Path) -> list[Item]:
     with RecordingReader(path) as reader:
         return list(reader.items())
@@ -82,8 +89,7 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     recorded meanwhile is in the recording, once and in order, and no frame was gone.
     """
     network, path = bus.network, tmp_path / "base.mcap"
-    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
-    process.wait_for_line("Recording to")
+    process = recording_of_base(bus, path)
     network.run(20.0)
     begun = len(robot.sent)
     for away_s in (600.0, 30.0):
@@ -115,9 +121,7 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     network, path = bus.network, tmp_path / "base.mcap"
     base, host = network.host("base"), network.host("robot")
     network.path(host, base, delay_s=0.05, multicast=False)
-    options = ("--fleet", "--listen", "udp/[::]:7447", "-o", str(path))
-    process = Bus(network, "base").start("bag", "record", *options)
-    process.wait_for_line("Recording to")
+    process = recording_of_base(bus, path, "--listen", "udp/[::]:7447")
     robot = Robot(bus, tmp_path / "kept", ("udp/base:7447",))
     network.run(20.0)
     for _ in range(2):
@@ -174,9 +178,7 @@ def test_gaps_are_few_while_one_of_them_is_being_filled() -> None:
 def test_of_a_part_that_part_is_filled(bus: Bus, robot: Robot, tmp_path: Path) -> None:
     """A recording of one topic queries no more of what is kept."""
     network, path = bus.network, tmp_path / "base.mcap"
-    options = ("--fleet", "--topics", "robot7/flag", "-o", str(path))
-    process = Bus(network, "base").start("bag", "record", *options)
-    process.wait_for_line("Recording to")
+    process = recording_of_base(bus, path, "--topics", "robot7/flag")
     network.run(10.0)
     network.partition("robot", "base")
     network.run(60.0)
@@ -198,8 +200,7 @@ def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     second is missing, and its second recording goes on in the same folder.
     """
     network, path = bus.network, tmp_path / "base.mcap"
-    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
-    process.wait_for_line("Recording to")
+    process = recording_of_base(bus, path)
     network.run(20.0)
     network.partition("robot", "base")
     network.run(60.0)
@@ -222,8 +223,7 @@ def test_a_recorder_under_another_name_fills_the_gap(
 ) -> None:
     """It takes the place of the one that is gone."""
     network, path = bus.network, tmp_path / "base.mcap"
-    process = Bus(network, "base").start("bag", "record", "--fleet", "-o", str(path))
-    process.wait_for_line("Recording to")
+    process = recording_of_base(bus, path)
     network.run(20.0)
     network.partition("robot", "base")
     network.run(30.0)

@@ -3,15 +3,29 @@
 import pytest
 
 import tfbus
+from tests.builders import x_of
 from tfbus.base import scheduler
 from tfbus.testing import Network
 
 
-def _send(broadcaster: tfbus.TransformBroadcaster, node: tfbus.Node, *frames: str) -> None:
-    here = tfbus.Transform((1.0, 0.0, 0.0))
+def _send(
+    broadcaster: tfbus.TransformBroadcaster | tfbus.StaticTransformBroadcaster,
+    node: tfbus.Node,
+    *frames: str,
+    x: float = 1.0,
+) -> None:
+    here = tfbus.Transform((x, 0.0, 0.0))
     broadcaster.send_transform(
         [tfbus.TransformStamped(node.now_ns(), "world", frame, here) for frame in frames]
     )
+
+
+def _listening(network: Network, host: str) -> tfbus.Buffer:
+    """The buffer of a listener on this host."""
+    with network.process(network.host(host), "listener"):
+        buffer = tfbus.Buffer()
+        tfbus.TransformListener(buffer, tfbus.Node("listener"))
+    return buffer
 
 
 def test_a_frame_that_was_removed_before_the_first_list_goes(network: Network) -> None:
@@ -140,61 +154,44 @@ def test_a_listener_whose_clock_is_set_back_brings_no_dead_publisher_back(
 
 def test_a_publisher_that_begins_anew_on_a_host_an_hour_ahead_is_taken(network: Network) -> None:
     """Its token comes before the end of the former one, whose process answers no more."""
-    former, ahead, base = network.host("h1"), network.host("h2", offset_s=3600.0), "h3"
-    network.path(former, network.host(base), delay_s=0.5)
+    former, ahead = network.host("h1"), network.host("h2", offset_s=3600.0)
+    network.path(former, network.host("h3"), delay_s=0.5)
 
     def publish(x: float) -> None:
         node = tfbus.Node("sim")
-        pose = tfbus.Transform((x, 0.0, 0.0))
-        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
-        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        _send(tfbus.StaticTransformBroadcaster(node), node, "mount", x=x)
         node.spin()
 
-    with network.process(base, "listener"):
-        buffer = tfbus.Buffer()
-        tfbus.TransformListener(buffer, tfbus.Node("listener"))
-
-    def x() -> float:
-        return buffer.lookup_transform("world", "mount").transform.x
-
+    buffer = _listening(network, "h3")
     network.start(former, "sim", publish, 1.0)
-    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.run(5.0)
     network.kill("h1/sim")
     network.start(ahead, "sim", publish, 2.0)
-    network.run(until=lambda: x() == 2.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 2.0)
 
 
 def test_the_first_of_two_publishers_counts_again_after_a_clock_was_set_back(
     network: Network,
 ) -> None:
     """Its epoch, as that of the second, which has died, lies in the listener's future then."""
-    base = network.host("h3")
 
     def publish(x: float) -> None:
         node = tfbus.Node("sim")
         broadcaster = tfbus.TransformBroadcaster(node)
-        pose = tfbus.Transform((x, 0.0, 0.0))
-        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
-        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        _send(tfbus.StaticTransformBroadcaster(node), node, "mount", x=x)
         node.create_timer(0.5, lambda: _send(broadcaster, node, "robot"))
         node.spin()
 
-    with network.process(base, "listener"):
-        buffer = tfbus.Buffer()
-        tfbus.TransformListener(buffer, tfbus.Node("listener"))
-
-    def x() -> float:
-        return buffer.lookup_transform("world", "mount").transform.x
-
+    buffer = _listening(network, "h3")
     network.start(network.host("h1"), "sim", publish, 1.0)
-    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.start(network.host("h2"), "sim", publish, 2.0)
-    network.run(until=lambda: x() == 2.0)
-    base.step_clock(-3600.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 2.0)
+    network.host("h3").step_clock(-3600.0)
     network.power_off("h2")
     died_ns = network.host("h1").time_ns()
-    network.run(until=lambda: x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.run(until=lambda: (buffer.frame("robot").newest_ns or 0) > died_ns)
 
 
@@ -203,35 +200,25 @@ def test_static_transforms_of_the_survivor_of_two_do_not_hold_it_back(network: N
 
     def publish(x: float) -> None:
         node = tfbus.Node("sim")
-        here = tfbus.Transform((x, 0.0, 0.0))
         dynamic = tfbus.TransformBroadcaster(node)
         static = tfbus.StaticTransformBroadcaster(node)
 
         def send() -> None:
-            stamp_ns = node.now_ns()
-            dynamic.send_transform(tfbus.TransformStamped(stamp_ns, "world", "robot", here))
+            _send(dynamic, node, "robot", x=x)
             if x == 1.0:
-                static.send_transform(tfbus.TransformStamped(stamp_ns, "world", "mount", here))
+                _send(static, node, "mount", x=x)
 
         node.create_timer(0.5, send)
         node.spin()
 
-    with network.process(network.host("h3"), "listener"):
-        buffer = tfbus.Buffer()
-        tfbus.TransformListener(buffer, tfbus.Node("listener"))
-
-    def x() -> float:
-        if not buffer.can_transform("world", "robot"):
-            return 0.0
-        return buffer.lookup_transform("world", "robot").transform.x
-
+    buffer = _listening(network, "h3")
     network.start(network.host("h1"), "sim", publish, 1.0)
-    network.run(until=lambda: x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "robot") == 1.0)
     network.start(network.host("h2"), "sim", publish, 2.0)
-    network.run(until=lambda: x() == 2.0)
+    network.run(until=lambda: x_of(buffer, "world", "robot") == 2.0)
     network.run(5.0)
     network.power_off("h2")
-    network.run(until=lambda: x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "robot") == 1.0)
 
 
 @pytest.mark.parametrize("dies", ["h1", "h2"])
@@ -243,32 +230,24 @@ def test_of_two_publishers_the_one_that_is_left_counts_though_it_is_silent(
     def publish(x: float, messages: int) -> None:
         node = tfbus.Node("sim")
         dynamic = tfbus.TransformBroadcaster(node)
-        pose = tfbus.Transform((x, 0.0, 0.0))
-        mount = tfbus.TransformStamped(node.now_ns(), "world", "mount", pose)
-        tfbus.StaticTransformBroadcaster(node).send_transform(mount)
+        _send(tfbus.StaticTransformBroadcaster(node), node, "mount", x=x)
         for _ in range(messages):
             _send(dynamic, node, "robot")
             scheduler.sleep(0.5)
         node.spin()
 
-    with network.process(network.host("h3"), "listener"):
-        buffer = tfbus.Buffer()
-        tfbus.TransformListener(buffer, tfbus.Node("listener"))
-
-    def x() -> float:
-        return buffer.lookup_transform("world", "mount").transform.x
-
+    buffer = _listening(network, "h3")
     # The first goes on to send after the second, and counts again.
     network.start(network.host("h1"), "sim", publish, 1.0, 40 if dies == "h1" else 4)
-    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.run(5.0)
     network.start(network.host("h2"), "sim", publish, 2.0, 4)
-    network.run(until=lambda: x() == 2.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 2.0)
     if dies == "h1":
-        network.run(until=lambda: x() == 1.0)
+        network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.run(30.0)
     network.power_off(dies)
-    network.run(until=lambda: x() == (2.0 if dies == "h1" else 1.0))
+    network.run(until=lambda: x_of(buffer, "world", "mount") == (2.0 if dies == "h1" else 1.0))
     network.run(5.0)
     assert not buffer.frame("mount").gone
 

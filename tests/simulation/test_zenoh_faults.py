@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 import tfbus
+from tests.builders import x_of
 from tests.simulation.stages import SimulatedStage
 from tfbus.base import scheduler
 from tfbus.bus.session import Session
@@ -207,15 +208,12 @@ def test_the_end_of_a_process_on_a_thread_that_waits_is_not_that_of_the_next(
         buffer = tfbus.Buffer()
         listener = tfbus.TransformListener(buffer, tfbus.Node("listener"))
 
-    def x() -> float:
-        return buffer.lookup_transform("world", "mount").transform.x
-
     network.start(network.host("h1"), "sim", publish, 1.0)
-    network.run(until=lambda: "mount" in buffer.frames() and x() == 1.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 1.0)
     network.run(30.0)
     network.kill("h1/sim")
     network.start(network.host("h2"), "sim", publish, 2.0)
-    network.run(until=lambda: x() == 2.0)
+    network.run(until=lambda: x_of(buffer, "world", "mount") == 2.0)
     network.run(5.0)
     assert listener.streams()[0].alive
     assert not buffer.frame("mount").gone

@@ -9,11 +9,11 @@ import pytest
 
 from tfbus.base import scheduler
 from tfbus.base.executor import Executor
+from tfbus.base.own_pauses import OwnPauses
 from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import LAN, NodeSettings
-from tfbus.runtime.own_pauses import OwnPauses
 from tfbus.streams import wanted, watch
 from tfbus.streams.info import StreamState
 from tfbus.streams.watch import StreamWatch

@@ -12,12 +12,12 @@ from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.names import is_printable
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import replace
 from tfbus.base.wording import printable, stamp_text
 from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import Session
-from tfbus.runtime.own_pauses import own_pauses
 from tfbus.streams.frame_names import StreamRights
 from tfbus.streams.info import MOST_GONE, StreamState
 from tfbus.streams.queries import (

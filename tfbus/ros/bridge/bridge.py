@@ -107,6 +107,7 @@ class Bridge:
             tells_publishers=leg.tells_publishers,
             sent_there=to_ros.sends if to_ros else lambda child: False,
             static_there=to_ros.static_of if to_ros else lambda child: None,
+            on_sent_by_senior=self._reconsider_soon,
         )
         self.from_ros = FromRos(
             common,

@@ -161,7 +161,8 @@ class CrossingRule:
     """Says it for each frame by its name on the bus.
 
     `sent_there(child)` is whether this bridge sends a frame of the bus to ROS, and
-    `static_there(child)` the static transform of it that it sends there.
+    `static_there(child)` the static transform of it that it sends there. `on_sent_by_senior()` is
+    called as `sent_by_senior` begins to hold for a frame.
     """
 
     def __init__(
@@ -172,6 +173,7 @@ class CrossingRule:
         tells_publishers: bool,
         sent_there: Callable[[str], bool],
         static_there: Callable[[str], TransformStamped | None],
+        on_sent_by_senior: Callable[[], object] = lambda: None,
         clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._options = common.options
@@ -181,6 +183,7 @@ class CrossingRule:
         self._tells_publishers = tells_publishers
         self._sent_there = sent_there
         self._static_there = static_there
+        self._on_sent_by_senior = on_sent_by_senior
         self._clock_s = clock_s
         # Frames that other bridges have sent: since when.
         self._met_s: dict[str, float] = {}
@@ -201,7 +204,10 @@ class CrossingRule:
             if self._bridges.is_senior(bridge):
                 if len(self._of_seniors_s) >= _MOST_NAMES:
                     self._of_seniors_s.clear()
+                is_news = not self.sent_by_senior(child)
                 self._of_seniors_s[child] = self._clock_s()
+                if is_news:
+                    self._on_sent_by_senior()
             return False
         if not self._options.from_ros or not self._options.selects(child):
             return False

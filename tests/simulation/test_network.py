@@ -277,7 +277,8 @@ async def _do_nothing() -> None:
         (lambda network: network.run(lambda: True), "seconds must be a number"),
         (lambda network: network.run(until=_do_nothing), "until must be .* without `async`"),
         (lambda network: network.start("robot", "n", _do_nothing), "main must .* asyncio.run"),
-        (lambda network: network.program("robot", "arm"), "main must be a function .*not 'arm'"),
+        (lambda network: network.start("robot", "n", "arm"), "main must be a function .*not 'arm'"),
+        (lambda network: network.program("robot", "tfbuss"), "no command 'tfbuss'.* mean 'tfbus'"),
         (lambda network: network.program("robot", carrot.main, "--rate", 5), "are texts, not 5"),
         (
             lambda network: network.path("robot", "robot", loss=1.0),

@@ -598,9 +598,8 @@ class StreamWatch:
             return
         waiting = {key: self._state(key).description for key in self._gathered}
         self._gathered.clear()
-        if 2 * len(waiting) < len(self._living):
-            # Most of the answers would be about others: as of robots whose routers come back one
-            # after the other.
+        if self._wanted is not None and 2 * len(waiting) < len(self._living):
+            # Most of the answers would be about others.
             for key in waiting:
                 self._ask_for_description(key)
             return

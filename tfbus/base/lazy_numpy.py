@@ -15,12 +15,12 @@ class NDArray:
 
 
 class ArrayLike:
-    """The type of what becomes an array, in annotations; to type checkers numpy's own."""
+    """The type of array-likes, in annotations; to type checkers numpy's own."""
 
 
 def __getattr__(name: str) -> Any:
     if name.startswith("__"):
-        # What the import system and inspect ask of any module.
+        # The import system and inspect ask any module for such names.
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import numpy
 

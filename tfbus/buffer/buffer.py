@@ -65,7 +65,7 @@ _AT_ONCE = 0.0
 _SAMPLES_A_SECOND = 10_000
 _LEAST_SAMPLES = 100_000
 
-# What an interpreted buffer has of its own.
+# The attributes of an interpreted buffer itself, without a subclass's.
 _ATTRIBUTES = ("cache_time_s", "sampling", "_store")
 
 # Whether the buffer is compiled, or interpreted.
@@ -226,8 +226,8 @@ class Buffer:
         return stored
 
     def clear(self, *, after_ns: int | None = None) -> None:
-        """Forget all samples, or those later than `after_ns`; static transforms stay, and so do
-        the names of all frames.
+        """Forget all samples, or only the ones later than `after_ns`; static transforms stay, and
+        so do the names of all frames.
 
         A frame whose parent has changed within the cache time, and that has samples later than
         `after_ns`, loses its earlier ones, too.
@@ -271,7 +271,7 @@ class Buffer:
         if self._store.tree.news:
             self._store.notify()
 
-    # What a listener learns about publishers
+    # A listener's reports of publishers
 
     def sent_by(self, authority: str) -> dict[str, int]:
         """The frames whose last transform this authority sent, and how many samples of each are
@@ -318,7 +318,7 @@ class Buffer:
         self._store.waiters.wake_all()
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
-        """Note that the publisher of those of the frames that it sent last is gone, or back."""
+        """Mark the frames that this authority sent last: their publisher is gone, or back."""
         authority = check_text(authority, "authority")
         if self._store.lock.later(self.mark_gone, frames, gone, authority):
             return
@@ -328,7 +328,7 @@ class Buffer:
             self._store.notify()
 
     def remove_sent(self, frames: Iterable[str], authority: str) -> None:
-        """Remove those of the frames that this authority sent last, as `remove` does."""
+        """Remove the frames that this authority sent last, as `remove` does."""
         authority = check_text(authority, "authority")
         if self._store.lock.later(self.remove_sent, frames, authority):
             return
@@ -354,7 +354,7 @@ class Buffer:
 
     def expect_past(self, authority: str) -> Callable[[], None]:
         """Let lookups with a timeout wait for times before the first sample of a frame that this
-        authority sent last; call what it returns when the past has arrived.
+        authority sent last; call the returned function when the past has arrived.
         """
         return self._store.expect_past(authority)
 
@@ -367,7 +367,7 @@ class Buffer:
     # Notifying
 
     def on_change(self, listener: Callable[[Change], None]) -> Callable[[], None]:
-        """Call the listener with each change from now on; call what it returns to end that.
+        """Call the listener with each change from now on; the returned function ends that.
 
         It is called in the thread that inserts, without the lock, one change after another; it
         may use the buffer. Its exceptions are logged.
@@ -394,7 +394,7 @@ class Buffer:
         explain: Callable[[str, str], TransformException | None] = lambda target, source: None,
     ) -> Callable[[], None]:
         """Call `callback(target, source)` once for each pair of frames that is looked up from now
-        on; call what it returns to end that.
+        on; the returned function ends that.
 
         It is called without the lock, in the thread that looks up and before it waits. A pair that
         can be answered at once is reported at the next insert, or the next lookup that cannot be
@@ -406,8 +406,8 @@ class Buffer:
         return self._store.watch_questions(callback, explain)
 
     def ask_again(self) -> None:
-        """Call those who watch questions once more for each pair, at its next lookup; for lookups
-        that wait that is now.
+        """Call the callbacks of `watch_questions` once more for each pair, at its next lookup; for
+        waiting lookups at once.
         """
         if self._store.lock.later(self.ask_again):
             return
@@ -486,7 +486,7 @@ class Buffer:
         living: bool,
     ) -> TransformStamped:
         """`lookup_transform` of any arguments."""
-        # What is of another type may have no hash, or one of its own.
+        # A value of another type may have no hash, or its own.
         if type(target_frame) is not str:
             target_frame = check_frame_id(target_frame, "target_frame")
         if type(source_frame) is not str:
@@ -652,7 +652,7 @@ class Buffer:
         *,
         sampling: Sampling | None = None,
     ) -> tuple[TransformArray, NDArray[np.bool_]]:
-        """The transforms at those of N stamps that can be answered, and which they are.
+        """The transforms at N stamps as far as they are known, and a mask of the known stamps.
 
         The mask (N,) is False, and the rows are NaN, if the stamp is out of range. Raises
         LookupException for an unknown frame, ConnectivityException if no path joins the two at
@@ -816,7 +816,7 @@ class Buffer:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A pickle of it: the contents that `files.save` writes. Lookups that wait, listeners and a
-        clock stay behind: the clock of what is unpickled is the system's.
+        clock stay behind: an unpickled buffer has the system's clock.
         """
         return _unpickled, (type(self), self._contents(), self._store.is_ended), self._own_values()
 
@@ -947,7 +947,7 @@ def _check_clock(clock: object) -> None:
 
 
 if not cython.compiled:
-    # What Cython does of its own accord.
+    # Cython calls `__cinit__` of its own accord.
     def _new(cls: type[Buffer], *_: object, **__: object) -> Buffer:
         made = object.__new__(cls)
         made.__cinit__()

@@ -28,7 +28,7 @@ from tfbus.geometry.sampling import Sampling
 
 _Kind = TypeVar("_Kind", bound=ExtrapolationException)
 
-# What an error advises to query; tools that have options for it say those instead.
+# The advice of errors; tools that have options for it name their options instead.
 LATER, LATEST = "query a later time", "query the latest"
 
 # Of the frames of a loop an error names the first, and the first again.
@@ -112,8 +112,8 @@ def may_come(error: TransformException) -> bool:
 
 
 def advice_after(error: TransformException) -> str:
-    """The advice after a wait that ended with this error: in a callback that holds up what it waits
-    for, how not to; "" if it is that of the error itself.
+    """The advice after a wait that ended with this error: in a callback that holds up the sender
+    that it waits for, how not to; "" if the error's own advice holds.
     """
     held_up = here.held_up(getattr(error, "authority", ""))
     if not held_up:
@@ -138,7 +138,7 @@ def without_waiting(error: TransformException) -> TransformException:
 
 def without_timeout(error: TransformException, *, many: bool = False) -> TransformException:
     """The error, for a call that has no `timeout_s`: it advises to ask again later; with `many`
-    stamps also to leave out those without an answer, if it would have one ask for the latest.
+    stamps also to leave out unknown stamps, if its own advice is to ask for the latest.
     """
     if isinstance(error, ExtrapolationException) and error.retry_after_s is not None:
         error.waiting, error.waiting_by = f"ask again in about {error.retry_after_s:.3g} s", ""
@@ -176,7 +176,7 @@ def why_not(
         if missing is not None and _is_to_come(history, stamp_ns, sampling):
             continue
         error = _no_data(history, stamp_ns, sampling) or _gap(history, stamp_ns, asked_ns, sampling)
-        # What waiting cannot help says more than what it may.
+        # An error that waiting cannot help says more than an error that it may.
         if error is not None and not may_come(error):
             return error
         missing = missing or error
@@ -221,7 +221,7 @@ def _chained(frames: list[str]) -> str:
 
 
 def _out_of_step(edges: list[History]) -> ExtrapolationException | None:
-    """For the latest time: an edge whose samples end before those of another one begin."""
+    """For the latest time: an edge whose samples end before another edge's begin."""
     spans = [(history, history.stamp_span()) for history in edges if not history.static]
     known = [(span, history) for history, span in spans if span is not None]
     if not known:

@@ -85,7 +85,7 @@ def as_dot(frames: Iterable[FrameInfo], recorded_ns: int | None = None) -> str:
 
 
 def as_text(frames: Iterable[FrameInfo], path: Collection[str] = ()) -> str:
-    """The trees, a frame a line, children below their parent; a `*` marks those of a path."""
+    """The trees, a frame a line, children below their parent; a `*` marks the frames of a path."""
     return "\n".join(
         f"{lead}{_line(frame, ' *' if frame.name in path else '')}"
         for lead, _, frame in _walk(frames)
@@ -233,8 +233,8 @@ def _walk(frames: Iterable[FrameInfo]) -> Iterable[tuple[str, int, FrameInfo]]:
 
 
 def branch(below: str, depth: int, *, is_last: bool) -> tuple[str, str]:
-    """The text before a frame of this depth, 1 below a root, and before those below it; `below`
-    is what comes before the frames below its parent. Below 100 levels the depth is a number.
+    """The text before a frame of this depth, 1 below a root, and before its children; `below` is
+    the text before its parent's children. Below 100 levels the depth is a number.
     """
     if depth > _DRAWN_LEVELS:
         return f"{below}[{depth}] ", below

@@ -1,4 +1,4 @@
-"""Reports of a buffer: its frames, their changes, and what it could not store."""
+"""Reports of a buffer: its frames, their changes, and counts of rows that it did not store."""
 
 from collections import Counter
 from typing import Literal
@@ -31,8 +31,8 @@ class FrameInfo(Struct):
     which they were interrupted do not count.
     `oldest_ns` and `newest_ns` are the stamps of the samples held, in nanoseconds since the Unix
     epoch, None without one. `authority` is the publisher of the last sample. `conflicts` counts
-    samples that repeated a stamp with a different value, `refused` those too old to be stored,
-    `crowded_out` those that were dropped because there were more than `max_samples`.
+    samples that repeated a stamp with a different value, `refused` samples too old to be stored,
+    `crowded_out` samples dropped because there were more than `max_samples`.
     `gone` is whether its publisher is gone, as a listener has noticed: killed, closed, or out of
     reach.
     """
@@ -57,8 +57,8 @@ class Change(Struct):
 
     `kind` is "added", "removed", "reparented", "became static", "became dynamic", "conflict" (a
     sample of the same stamp was replaced), "too old" (a sample was refused), "publisher gone" or
-    "publisher back". `parent` and `authority` are those of the transform that made the change,
-    `stamp_ns` its stamp, `former_parent` and `former_authority` those before.
+    "publisher back". The transform that made the change has `parent`, `authority` and `stamp_ns`;
+    before it the frame had `former_parent` and `former_authority`.
 
     Two living publishers of one frame, `authority` and `former_authority`, are a "conflict" too.
     """

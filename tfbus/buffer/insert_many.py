@@ -42,9 +42,9 @@ _ROWS_AT_A_TIME = 256
 class Permit:
     """The permission to store rows, until somebody takes it back.
 
-    Rows that are judged before they are stored, such as those of a stream's message, may be judged
+    Rows that are judged before they are stored, such as of a stream's message, may be judged
     otherwise meanwhile: `is_valid` is looked at with the buffer's lock held. Take a permit back
-    before removing from the buffer: nothing that was judged with it comes behind.
+    before removing from the buffer: no row that was judged with it is stored afterwards.
     """
 
     def __init__(self) -> None:
@@ -56,7 +56,7 @@ class Table:
     ones: `children` are the histories, row by row, and `samples` theirs.
 
     This authority sent all of them last, with the parents that the batch names. That holds while
-    `topology` and `assignments` are those of the tree.
+    the tree has the same `topology` and `assignments`.
     """
 
     def __init__(
@@ -86,9 +86,7 @@ class Table:
 
 
 class BatchInserter:
-    """Inserts the rows of batches into a tree; those that cannot be stored are counted in
-    `rejected`.
-    """
+    """Inserts the rows of batches into a tree; rows that cannot be stored count in `rejected`."""
 
     def __init__(self, tree: Tree, rejected: Rejections, lock: Lock) -> None:
         self._tree = tree
@@ -125,7 +123,7 @@ class BatchInserter:
         return stored
 
     def _append(self, table: Table, columns: Columns, start: int) -> int:
-        """Append rows from `start` on, up to the first that needs more than that; its index, or the
+        """Append rows from `start` on, up to the first that needs `_insert_row`; its index, or the
         count of all.
         """
         at = append_rows(

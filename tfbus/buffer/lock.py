@@ -111,8 +111,8 @@ class Lock:
             return self._mutex._is_owned()  # type: ignore[attr-defined,no-any-return]  # not in stubs
 
     def later(self, call: Callable[..., object], *args: Any, **named: Any) -> bool:
-        """If this thread holds it, call this when it has left, and log what it raises. Whether it
-        will be.
+        """If this thread holds it, call this when it has left, and log its exception. Whether it
+        will be called.
         """
         if not self.is_mine():
             return False

@@ -36,8 +36,8 @@ from tfbus.geometry.transform import TransformStamped, check_frame_id, check_sta
 class Lookup:
     """Questions to a store that are answered from one state of it, all or none.
 
-    Two questions are those of a lookup through a fixed frame: first from the source to that frame,
-    then from there to the target.
+    A lookup through a fixed frame asks two questions: first from the source to that frame, then
+    from there to the target.
     """
 
     def __init__(
@@ -153,7 +153,7 @@ class Lookup:
         return answers
 
     def _check_arguments(self) -> None:
-        """Raise InvalidArgumentException for what can be no frame or no time."""
+        """Raise InvalidArgumentException for an invalid frame or stamp."""
         for what, frame in self._names():
             check_frame_id(frame, what)
         for _, _, stamp_ns in self._questions:
@@ -216,11 +216,11 @@ class Lookup:
     def _answers_or_watch(
         self, waiter: Waiter, limit: Limit, timeout_s: float
     ) -> list[TransformStamped] | None:
-        """The answers; None if the waiter will be woken when it is worth asking again. Raises
-        what waiting does not help, and TimeoutException when the time is up.
+        """The answers; None if the waiter will be woken when it is worth asking again. Raises an
+        error that waiting does not help, and TimeoutException when the time is up.
         """
         with self._store.lock:
-            # Those that end from here on wake the waiter once more.
+            # A past that arrives from here on wakes the waiter once more.
             expected = frozenset(self._store.expected_pasts)
         if waiter.past_of in expected and not limit.passed:
             # It comes in parts: between the oldest and the newest there may still be a gap.

@@ -111,8 +111,8 @@ def _undistorted(
 
 
 def _each_once(stamps: Stamps) -> tuple[Stamps, NDArray[np.intp] | None]:
-    """The stamps without those that follow an equal one, and which of them is each; many points of
-    a lidar are measured at once.
+    """Each run of equal stamps once, and the index of each stamp's run, None if few repeat; many
+    points of a lidar are measured at once.
     """
     begins = np.empty(len(stamps), np.bool_)
     begins[0] = True

@@ -38,8 +38,8 @@ class PendingLookup:
         return self._limit.left_s
 
     def poll(self) -> bool:
-        """Whether there is an answer. Raises why there will be none: what `lookup_transform` with a
-        timeout raises.
+        """Whether there is an answer. If there will be none it raises as `lookup_transform` with a
+        timeout.
         """
         if self._lookup.answers() is not None:
             return True

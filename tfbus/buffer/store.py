@@ -62,7 +62,7 @@ class _Queue:
         heapq.heappush(self._heap, (stamp_ns, next(self._tickets), waiter))
 
     def pop_until(self, stamp_ns: int) -> list[Waiter]:
-        """Remove and return those whose stamp is at most this one."""
+        """Remove and return the waiters whose stamp is at most this one."""
         due = []
         while self._heap and self._heap[0][0] <= stamp_ns:
             due.append(heapq.heappop(self._heap)[2])
@@ -70,7 +70,7 @@ class _Queue:
 
 
 class Alarms:
-    """The waiters of one frame, by what wakes them."""
+    """The waiters of one frame, by the change that wakes them."""
 
     def __init__(self) -> None:
         self.arriving = _Queue()
@@ -93,7 +93,7 @@ class Waiters:
         return len(self._places)
 
     def add(self, waiter: Waiter) -> None:
-        """Add a waiter; from now on the tree notes what it stores."""
+        """Add a waiter; from now on the tree notes the histories that it stores into."""
         with self._lock:
             self._places[waiter] = []
             if self._tree.touched is None:
@@ -176,7 +176,7 @@ class Waiters:
 
 def _alarms(history: History) -> Alarms:
     if not isinstance(history.alarms, Alarms):
-        # They lead to those who wait, and these perhaps back to the buffer.
+        # They lead to the waiters, and these perhaps back to the buffer.
         history.track()
         history.alarms = Alarms()
     return history.alarms

@@ -53,8 +53,8 @@ def trajectory(
 ) -> Trajectory:
     """The poses of the source in the target, at rising stamps (N,).
 
-    Without stamps at those of the samples of the source, or of the first dynamic frame on the
-    way from it to the target, if all edges between have data. Raises as `lookup_transforms`.
+    Without stamps they are the samples' of the source, or of the first dynamic frame on the way
+    from it to the target, if all edges between have data. Raises as `lookup_transforms`.
     """
     if stamps_ns is not None:
         poses = buffer.lookup_transforms(target_frame, source_frame, stamps_ns, sampling=sampling)
@@ -132,7 +132,7 @@ def insert_csv(
 ) -> list[Trajectory]:
     """Store the trajectories of a CSV file, one for each pair of frames in it; returns them.
 
-    The columns are those of `Trajectory.read_csv`. Raises as that and `insert`.
+    The columns are as of `Trajectory.read_csv`. Raises as that and `insert`.
     """
     trajectories = read_tables(path)
     for trajectory in trajectories:

@@ -32,8 +32,8 @@ try:
 except ImportError:
     from tfbus.base import cython_stub as cython
 
-# What all kept paths may cost together, about 32 bytes each: 30,000 of three edges. Another one is
-# found again in a microsecond. A path costs that much, and 1 for each of its edges.
+# The most that all kept paths may cost together, in units of about 32 bytes: 30,000 paths of three
+# edges. Another path is found again in a microsecond. A path costs `_PATH_COST`, and 1 an edge.
 _MOST_KEPT = 2**20
 _PATH_COST = 32
 # Pairs of frames remembered as looked up.
@@ -50,7 +50,7 @@ class Tree:
     another one; `assignments` counts how often a frame got another publisher. `touched` and
     `moved` collect, while there are waiters, the histories that got a sample or a parent; `news`
     collects changes while there are listeners. `asked` collects, while there are watchers, the
-    pairs of target and source that were looked up, and `unreported` those that they were not
+    pairs of target and source that were looked up, and `unreported` the pairs that they were not
     called with yet. `crowded` are the histories that got more than `max_samples` for the first time
     and were not reported so far.
     """
@@ -63,7 +63,7 @@ class Tree:
         self.senders: dict[str, dict[str, History]] = {}
         # Recent paths, by the addresses of the texts that they were looked up by.
         self.recent: list[Path | None] = [None] * _RECENT
-        # All kept paths, the oldest first, also those that the tree has outgrown.
+        # All kept paths, the oldest first, also the ones that the tree has outgrown.
         self.kept: deque[Path] = deque()
         self.kept_cost = 0
         self.topology = 0
@@ -171,7 +171,7 @@ class Tree:
         above_target, above_source = self.chain(target), self.chain(source)
         if above_target[-1] is not above_source[-1]:
             return None
-        # Both end at the same root: what they share at that end is not on the path.
+        # Both end at the same root: the frames that they share there are not on the path.
         shared = 1
         least = min(len(above_target), len(above_source))
         while shared < least and above_target[-1 - shared] is above_source[-1 - shared]:
@@ -192,9 +192,9 @@ class Tree:
                 del oldest.target.paths[oldest.source.name]
 
     def chain(self, history: History) -> list[History]:
-        """The frame and those above it now, up to its root.
+        """The frame and its ancestors now, up to its root.
 
-        Raises LoopException if that is more than all frames, which no insert should bring about.
+        Raises LoopException if they are more than all frames, which no insert should bring about.
         """
         above = [history]
         parent = history.parent
@@ -244,8 +244,8 @@ class Tree:
     def _walk(
         self, history: History, stamp_ns: int, sampling: Sampling
     ) -> list[tuple[History, Pose, int]]:
-        """The frame and those above it at that time, each with the pose of the one before in it,
-        and how far the poses so far were extrapolated.
+        """The frame and its ancestors at that time, each with the pose of the frame before in it,
+        and how far the poses so far were extrapolated, in nanoseconds.
 
         Parents of different times may form a loop. It ends at the first frame of that: along the
         others, two frames would have two answers.
@@ -318,7 +318,7 @@ class Tree:
         Raises InvalidArgumentException and LoopException; then nothing has changed.
         """
         child = self.frames.get(child_frame)
-        # What a gone publisher sent for later times does not stand in the way of its successor.
+        # A gone publisher's samples of later times do not stand in the way of its successor.
         succeeds = child is not None and child.gone and child.authority != authority
         if (
             child is None
@@ -518,9 +518,7 @@ class Tree:
         return {history.name: 0 if history.static else history.count() for history in found}
 
     def forget(self, authority: str, frames: Iterable[str]) -> None:
-        """Forget the samples of those of the frames that an authority sent last; static poses
-        stay.
-        """
+        """Forget the samples of the frames that an authority sent last; static poses stay."""
         sent = self.senders.get(authority, {})
         for frame in frames:
             history = sent.get(frame)
@@ -529,7 +527,7 @@ class Tree:
                 history.ended = history.static
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
-        """Mark those of the frames that the authority sent last."""
+        """Mark the frames that the authority sent last."""
         sent = self.senders.get(authority, {})
         for frame in frames:
             history = sent.get(frame)

@@ -29,11 +29,11 @@ _MOST_KEYS = 10_000
 
 
 class StrayKeys:
-    """Tells the keys that a closed bus does not take: those not within `expression`.
+    """Tells the keys that a closed bus does not take: all keys not within `expression`.
 
-    Zenoh lets a message in where the sender's rights include its key, which may be a key expression
-    of many: who may publish `*` but not `clock` would reach the subscribers of `clock` by `*`. And
-    an answer may come at any key that its sender may answer at. The first is logged.
+    Zenoh lets a message in if the sender's rights include its key, which may be a key expression
+    of many: a peer that may publish `*` but not `clock` would reach the subscribers of `clock` by
+    `*`. And an answer may come at any key that its sender may answer at. The first is logged.
     """
 
     def __init__(self, expression: str, once: LogOnce) -> None:
@@ -63,8 +63,8 @@ class Callbacks:
     Zenoh swallows the exceptions of its callbacks: here the first of each callback is logged.
     After `mute()` none is. Messages larger than the limit of their kind reach no callback: the
     first that a callback misses is logged, and `too_large` counts them by the key or key expression
-    of their subscription. On a closed bus neither do messages and answers at other keys than those
-    asked for: see `StrayKeys`.
+    of their subscription. On a closed bus neither do messages and answers at stray keys: see
+    `StrayKeys`.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class Callbacks:
         self._is_muted = False
 
     def mute(self) -> None:
-        """Log no further exceptions: the session ends, and what callbacks use with it."""
+        """Log no further exceptions: the session ends, and all that callbacks use with it."""
         self._is_muted = True
 
     def of_samples(
@@ -98,7 +98,7 @@ class Callbacks:
         drop = self._dropper(key, on_too_large)
         is_stray = self.strays(key)
 
-        # What `direct` and `guarded` do, in one call instead of three: where messages come one
+        # The work of `direct` and `guarded`, in one call instead of three: if messages come one
         # by one, the calls take their time.
         def on_sample(sample: zenoh.Sample) -> None:
             kept.known = True
@@ -211,7 +211,7 @@ def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = No
         try:
             callback(event)
         except KeyboardInterrupt:
-            # Zenoh calls on the thread that declares, too, for what it knows already.
+            # Zenoh calls on the thread that declares, too, for tokens that it knows already.
             interrupt_again()
 
     return zenoh.handlers.Callback(call, drop, indirect=False)
@@ -225,7 +225,7 @@ class _Thread(threading.local):
 
     def __init__(self) -> None:
         if next(self._kept) < _MOST_KEPT:
-            # Python drops a thread's state when what was ensured is released: this never is.
+            # Python drops a thread's state when the last `Ensure` is released: this never is.
             ctypes.pythonapi.PyGILState_Ensure()
 
 

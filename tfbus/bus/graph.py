@@ -40,7 +40,7 @@ class Endpoint:
 class TopicInfo:
     """A topic by its name relative to the viewing namespace, and its ends sorted by node.
 
-    Nodes do not list what transforms they receive: `subscribers` is None for topics of transforms.
+    Nodes do not list the transforms that they receive: `subscribers` is None for their topics.
     """
 
     name: str

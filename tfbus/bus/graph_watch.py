@@ -209,9 +209,7 @@ class GraphWatch:
             self._lock.notify_all()
 
     def _keys(self, now_s: float) -> list[str]:
-        """The keys to query: all nodes, or those that have changed and those that have not
-        answered.
-        """
+        """The keys to query: all nodes, or changed nodes and nodes that have not answered."""
         lacking = self._lacking()
         has_many = self._asks < len(_PAUSES_S) and len(lacking) > _FEW
         since_s, self._asked_s = self._asked_s, now_s

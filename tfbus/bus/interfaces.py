@@ -105,7 +105,7 @@ class NetworkWatch:
         self.polled_s = None if self.socket is not None else _POLLED_S
 
     def drain(self) -> None:
-        """Forget what the kernel has told."""
+        """Drop the kernel's messages so far."""
         if self.socket is not None:
             try:
                 while self.socket.recv(_MOST_BYTES):

@@ -1,7 +1,7 @@
-"""Endpoints, and the links of a session between them: who is lost, and who is half linked.
+"""Endpoints, and the links of a session between them: lost and half linked processes.
 
 A process that has lost another may connect again before that one has noticed. Zenoh then adds the
-new link to what the other still has, and tells the first nothing of what it had declared: the two
+new link to the other's old ones, and tells the first nothing of its declarations: the two
 stay half linked for good (eclipse-zenoh/zenoh#2806).
 
 If the last link is lost before the new one comes, Zenoh ends the connection by itself, once it
@@ -48,9 +48,9 @@ def why_unreachable(endpoint: str) -> str:
 
 
 def speaks_tls(endpoint: str) -> bool | None:
-    """Whether an endpoint encrypts, as those of a closed bus do; None if it does not answer.
+    """Whether an endpoint encrypts, as a closed bus's does; None if it does not answer.
 
-    For one that gives no link: it takes up to 2 s if that does not encrypt.
+    For an endpoint that gives no link: it takes up to 2 s if that does not encrypt.
     """
     import ssl  # slow to import, and most processes do not need it
 
@@ -65,7 +65,7 @@ def speaks_tls(endpoint: str) -> bool | None:
                 with context.wrap_socket(plain):
                     return True
             except ssl.SSLError as error:
-                # Where it asks for a certificate at once, it has begun to encrypt.
+                # If it asks for a certificate at once, it has begun to encrypt.
                 return "ALERT" in (error.reason or "")
             except OSError:
                 return False
@@ -110,7 +110,7 @@ class _Event(NamedTuple):
 
 
 class _Connection(Struct, frozen=False):
-    """The links to one process; all share what was declared when the first one came. Datagrams
+    """The links to one process; all share the declarations told when the first one came. Datagrams
     carry nothing that must arrive.
     """
 
@@ -125,9 +125,9 @@ class _Connection(Struct, frozen=False):
 
 
 class LinkChanges(Struct):
-    """A change of links: the last endpoints of those that were lost, by their ids, the links that
-    are new, those that were lost, those of processes that are half linked, and those of datagrams
-    that were left of a process when it had no other link.
+    """A change of links: the last endpoints of lost processes, by their ids; the new links, the
+    lost ones, all links of half linked processes, and the links of datagrams that were left of a
+    process when it had no other link.
     """
 
     lost: dict[str, str]
@@ -147,7 +147,8 @@ class Links:
         self._same_loss_s = max(_SAME_LOSS_S, lease_s + 2.0)
         self._events: deque[_Event] = deque()
         self._connections: dict[str, _Connection] = {}
-        # Since the last poll: the links that were open then, those lost, and of whole connections.
+        # Since the last poll: the links that were open then, the lost ones, and of whole
+        # connections.
         self._former: set[LinkEnds] = set()
         self._ended: set[LinkEnds] = set()
         self._lost: dict[str, str] = {}
@@ -178,8 +179,8 @@ class Links:
 
     def hosts_for_datagrams(self) -> tuple[set[str], set[str]]:
         """The hosts of processes that have told all that they have declared, or are about to, on
-        another link: datagrams may be added to it. And those that have begun by datagrams, of which
-        nothing more is taken than their end.
+        another link: datagrams may be added to it. And the hosts of processes that have begun by
+        datagrams, of which nothing more is taken than their end.
         """
         self._apply_events()
         each_of = self._connections.values()
@@ -193,7 +194,7 @@ class Links:
         return {link for each in self._connections.values() for link in each.links}
 
     def keep_only(self, zids: set[str]) -> None:
-        """Forget connections other than these, which are those that Zenoh has."""
+        """Forget connections other than Zenoh's, which have these ids."""
         for zid in self._connections.keys() - zids:
             del self._connections[zid]
 
@@ -232,7 +233,7 @@ class Links:
         elif link.is_of_datagrams:
             (connection.datagrams.add if has_come else connection.datagrams.discard)(link)
             if not connection.has_had_first:
-                # Zenoh has told the far end of its declarations by them, or what arrived of it.
+                # Zenoh has told the far end of its declarations by them, or the part that arrived.
                 connection.is_parted = connection.began_by_datagrams = True
         elif has_come:
             connection.links.add(link)
@@ -243,7 +244,7 @@ class Links:
         else:
             self._ended.add(link)
             connection.links.discard(link)
-            # For good: what was under way is lost, and a new link to it brings it no more.
+            # For good: messages under way are lost, and a new link brings them no more.
             connection.is_parted |= bool(connection.datagrams) and not connection.links
             connection.is_half |= (
                 bool(connection.links) and at_s - connection.added_s < self._same_loss_s

@@ -55,9 +55,9 @@ _ADMIT_AGAIN_S, _LONGEST_ADMIT_AGAIN_S = 1.0, 60.0
 class Neighbours:
     """Watches the network for one session, on a thread of its own, until `close()`.
 
-    Without `scouting` it only says that the network has changed, and `remedy`, what happens then.
+    Without `scouting` it only says that the network has changed, and `remedy`, how to meet others.
     `lease_s` is the time after which a silent link is lost, and `network` the one between them.
-    `datagram_ports` are those at which the session takes datagrams beside other links.
+    At `datagram_ports` the session takes datagrams beside other links.
     """
 
     def __init__(
@@ -215,11 +215,11 @@ class Neighbours:
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(changes.new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
-        # as long as TCP tries. Until then it adds the next link to what the lost one was for.
+        # as long as TCP tries. Until then it adds the next link to the lost one's connection.
         if changes.half or changes.ended:
             end_links(_ends(changes.half | changes.ended))
         self._admit()
-        # What was under way on the other link is lost, and so may be a declaration.
+        # Messages under way on the other link are lost, and so may be a declaration.
         if changes.datagrams:
             end_datagrams(_ends(changes.datagrams))
         # A host is missed, not a process that has ended. But one that stood still loses all links.

@@ -1,7 +1,7 @@
 """An open session of Zenoh: tried until it opens, ended once, with Python, or lost in a fork.
 
-The session of a bus and that in ROS's network are made of it. What a session declares are
-publishers, and watches of who is at the other end.
+The session of a bus and the one in ROS's network are made of it. It declares publishers, and
+watches of the processes at the other end.
 """
 
 import atexit
@@ -49,7 +49,7 @@ class Declaration:
 
 
 class LivelinessToken(Declaration):
-    """A liveliness token; it is in `tokens`, those of its session, until it ends."""
+    """A liveliness token; it is in `tokens`, its session's, until it ends."""
 
     def __init__(self, declared: zenoh.LivelinessToken, tokens: dict["LivelinessToken", None]):
         super().__init__(declared)
@@ -252,8 +252,8 @@ RETRY_S = 0.5
 class NetworkSession:
     """A session of Zenoh's, until `close()`, the end of its `with`, or that of Python.
 
-    A subclass opens it (`_open`), says which errors end that (`_miss`), and ends what it has of
-    its own (`_end`). All callbacks come on threads of Zenoh's; the first exception of each is
+    A subclass opens it (`_open`), says which errors end that (`_miss`), and ends its own threads
+    and watches (`_end`). All callbacks come on threads of Zenoh's; the first exception of each is
     logged. `node` names whose session it is, in errors.
     """
 
@@ -292,7 +292,7 @@ class NetworkSession:
         raise BusError("the session is closed")
 
     def _miss(self, error: zenoh.ZError) -> None:
-        """Take note that it could not open; raises what ends the tries."""
+        """Take note that it could not open; raises an error that ends the tries."""
         raise error
 
     def _end_with_python(self) -> None:
@@ -338,7 +338,7 @@ class NetworkSession:
             self._close_zenoh()
 
     def _end(self) -> None:
-        """End what it has beside its declarations."""
+        """End all that it has beside its declarations."""
 
     def _close_zenoh(self) -> None:
         try:
@@ -350,7 +350,7 @@ class NetworkSession:
             self._log.warning("Session did not close cleanly: %s", first_sentence(str(error)))
 
     def _errors(self, doing: str) -> AbstractContextManager[None]:
-        """Raise Zenoh's errors as those of this node."""
+        """Raise Zenoh's errors as errors of this node."""
         return bus_errors(doing, self._node)
 
     # Who is alive, and linked
@@ -380,7 +380,7 @@ class NetworkSession:
         self, callback: Callable[[zenoh.Transport, bool], None], *, history: bool = True
     ) -> Declaration:
         """Call `callback(transport, linked)` whenever the link to another process opens or closes;
-        with `history` first for those that are open.
+        with `history` first for open links.
         """
 
         def on_event(event: zenoh.TransportEvent) -> None:
@@ -402,8 +402,8 @@ def _end_at_a_signal() -> None:
 
 @cache
 def _end_at_a_signal_once_main_has_ended() -> None:
-    # Python waits for threads before it calls what atexit has; a KeyboardInterrupt meanwhile would
-    # print a traceback. Its own thread pools end by this function of threading's, too.
+    # Python waits for threads before it calls atexit's functions; a KeyboardInterrupt meanwhile
+    # would print a traceback. Its own thread pools end by this function of threading's, too.
     register: Callable[[Callable[[], None]], object]
     register = getattr(threading, "_register_atexit", atexit.register)
     with suppress(RuntimeError):  # main has ended already
@@ -411,5 +411,5 @@ def _end_at_a_signal_once_main_has_ended() -> None:
 
 
 def _is_zenohs(thread: scheduler.Thread) -> bool:
-    """Whether a thread is not Python's own, as those are on which callbacks come."""
+    """Whether a thread is not Python's own, as the threads are on which callbacks come."""
     return isinstance(thread, threading._DummyThread)

@@ -49,8 +49,8 @@ def list_nodes(session: Session) -> list[str]:
 class Described:
     """The nodes and streams on the bus, as they describe themselves.
 
-    `streams` are by their keys; of several at one key that of the session it names counts.
-    `silent_nodes` are the full names, and `silent_streams` the keys, of those that are alive and
+    `streams` are by their keys; of several at one key the one counts whose session it names.
+    `silent_nodes`, by full name, and `silent_streams`, by key, are alive and
     did not answer in time. `unreadable` are the errors of descriptions that cannot be read.
     """
 
@@ -229,7 +229,7 @@ def bus_out_of_reach(session: Session) -> str:
     link to, since their bus is closed or its own is, and how to join them; "" for neither, or if
     scouting does not show them.
 
-    For those who have found nothing: it takes up to 1.5 s, or 2 s for each endpoint.
+    For tools that have found nothing: it takes up to 1.5 s, or 2 s for each endpoint.
     """
     settings = session.settings
     for endpoint in settings.connect:

@@ -1,4 +1,4 @@
-"""Queries: what other processes ask, what they answer, and asking until an answer has come."""
+"""Queries: of other processes, their answers, and asking until an answer has come."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,7 +15,7 @@ from tfbus.bus import zenoh_library
 from tfbus.bus.zenoh_library import bus_errors
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
 
-# What Zenoh puts in the place of an answer that has not come in time.
+# Zenoh's error in the place of an answer that has not come in time.
 _NO_ANSWER_IN_TIME = b"Timeout"
 
 # A refusal is one sentence: this much of it is read.

@@ -19,16 +19,16 @@ from tfbus.bus.zenoh_library import bus_errors
 # A subscriber that lost the last message learns of it within this, and asks for it again.
 _HEARTBEAT_S = 0.5
 
-# An answer comes later only where a link carries hardly anything; then Zenoh's own may, too.
+# An answer comes later only if a link carries hardly anything; then Zenoh's own may, too.
 _ANSWER_WITHIN_S = 10.0
 
-# A publisher serves what it retains below its key, and has its token there.
+# A publisher serves its retained messages below its key, and has its token there.
 _BELOW = "/@adv/pub/"
 _RETAINED = f"{_BELOW}**"
 
 
 def _extensions() -> Any:
-    """Zenoh's extensions, or those of a simulated network."""
+    """Zenoh's extensions, or a simulated network's."""
     return zenoh_library.simulated() or ext
 
 
@@ -97,8 +97,8 @@ def declare_retained_publisher(
 ) -> BytesPublisher:
     """A publisher whose last message also reaches late joiners, and is sent again if lost.
 
-    Transforms and what describes them are `urgent`, and have the priority of dynamic transforms: at
-    that of topics a put waited 0.2 s when a camera filled the link. On a bad network theirs is one
+    Transforms and their descriptions are `urgent`, and have the priority of dynamic transforms: at
+    the topics' a put waited 0.2 s when a camera filled the link. On a bad network theirs is one
     above.
     """
     at, key = session.placed(key)
@@ -124,7 +124,7 @@ def declare_retained_subscriber(
 ) -> Declaration:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
     of publishers that come later, then for each new message; `on_too_large()` for one that is
-    dropped unread. A message may come again when a link is back. With `others` those of this
+    dropped unread. A message may come again when a link is back. With `others` messages of this
     session itself do not come as they are sent. On a bad network the messages that are `urgent` may
     come twice.
     """
@@ -153,8 +153,8 @@ def declare_signed_subscriber(
 def _ask_urgently(
     session: Session, key: str, callback: Callable[[str, bytes], None], *, others: bool
 ) -> None:
-    """Query what is retained by ourselves, too. Zenoh's query has the priority of topics: if
-    transforms fill a link, as before that of datagrams is open, it comes after all of them.
+    """Query retained messages by ourselves, too. Zenoh's query has the priority of topics: if
+    transforms fill a link, as before a link of datagrams is open, it comes after all of them.
     """
 
     def take(answer: Answer) -> None:
@@ -224,8 +224,8 @@ def declare_caching_publisher(session: zenoh.Session, key: str, samples: int) ->
 def declare_history_subscriber(
     session: zenoh.Session, key: str, samples: int, handler: Any
 ) -> RetainedSubscriber:
-    """A subscriber to what publishers of other sessions keep, at most `samples` of one session,
-    and send; also of publishers that come later.
+    """A subscriber to kept and new messages of publishers of other sessions, at most `samples` kept
+    ones of one session; also of publishers that come later.
     """
     return RetainedSubscriber(
         session,

@@ -34,7 +34,7 @@ _PEER = "peer:"
 # A router that does not answer within this time is tried again.
 _OPEN_TIMEOUT_MS = 5000
 
-# As Zenoh says what is wrong in JSON.
+# As Zenoh names mistakes in JSON.
 _MESSAGE = re.compile(r'msg: "(.*?)"')
 
 # Larger messages are not read.
@@ -49,12 +49,12 @@ _CLOSING_S = 10.0
 # publishers: Zenoh counts per session.
 _PUBLISHERS_OF_A_SESSION = 1000
 
-# After a lost link is back, what was retained meanwhile is asked for and sent again. Zenoh asks for
-# it itself, but as soon as it knows of a publisher, when the router does not yet know that it
+# After a lost link is back, messages retained meanwhile are asked for and sent again. Zenoh asks
+# for them itself, but as soon as it knows of a publisher, when the router does not yet know that it
 # answers. ROS tries its router every 4 s at the latest.
 _REFRESHING_S = (1.0, 6.0)
 
-# payload, attachment or None, and what `sender_of` takes
+# payload, attachment or None, and the sample, as `sender_of` takes it
 OnSample = Callable[[bytes, bytes | None, Any], None]
 P = TypeVar("P", bound="_Part")
 
@@ -68,7 +68,7 @@ def sender_of(sample: zenoh.Sample) -> str:
     """The id of the session that a message is from, "" if it does not say."""
     if (source := sample.source_info) is not None:
         return str(source.source_id.zid)
-    # ROS's sessions put their own clocks' times on what they send.
+    # ROS's sessions put their own clocks' times on their messages.
     return "" if sample.timestamp is None else str(sample.timestamp.get_id())
 
 
@@ -81,13 +81,13 @@ class _Part:
         self._declared: Declaration | None = None
 
     def declare(self) -> None:
-        """Declare it in the open session, in the place of what was before."""
+        """Declare it in the open session, in the place of a former declaration."""
         former, self._declared = self._declared, self._declare()
         if former is not None:
             former.close()
 
     def refresh(self) -> None:
-        """Make up for what was missed while there was no link."""
+        """Make up for messages missed while there was no link."""
         if self._again:
             self.declare()
 
@@ -100,8 +100,8 @@ class _Part:
 class RosSession(NetworkSession):
     """A session in ROS's Zenoh network, until `close()`.
 
-    It opens in the background, and tries until a router answers; what is declared before that is
-    declared then. If the router is gone, Zenoh finds it again when it is back.
+    It opens in the background, and tries until a router answers; earlier declarations are made
+    then. If the router is gone, Zenoh finds it again when it is back.
     """
 
     def __init__(self, endpoints: Sequence[str], log: logging.Logger) -> None:
@@ -220,7 +220,7 @@ class RosSession(NetworkSession):
 
     def subscription(self, key: str, callback: OnSample, *, retained: bool = False) -> _Part:
         """Call `callback(payload, attachment, sample)` for each message of another session; with
-        `retained` also for those that publishers keep for late joiners. From any thread of
+        `retained` also for messages that publishers keep for late joiners. From any thread of
         Zenoh's, at times from several at once.
         """
         handler = direct(self.callbacks.guarded(f"message of {key}", self._reader(key, callback)))
@@ -235,7 +235,7 @@ class RosSession(NetworkSession):
                     self.zenoh.declare_subscriber(key, handler, allowed_origin=remote)
                 )
 
-        # Publishers are queried again for what they retain.
+        # Publishers are queried again for their retained messages.
         return self._add(_Part(declare, again=retained))
 
     def token_when_open(self, key: str) -> _Part:
@@ -243,7 +243,7 @@ class RosSession(NetworkSession):
         return self._add(_Part(partial(self.token, key)))
 
     def watch_living_when_open(self, key: str, callback: Callable[[str, bool], None]) -> _Part:
-        """Call `callback(key, alive)` for each token within the key expression, also those of this
+        """Call `callback(key, alive)` for each token within the key expression, also of this
         session, and at each change: if the router is gone, so are they.
         """
         return self._add(_Part(partial(self.watch_living, key, callback)))
@@ -260,7 +260,7 @@ class RosSession(NetworkSession):
         return part
 
     def end(self, part: _Part) -> None:
-        """End what was declared; twice is fine."""
+        """End its declaration; twice is fine."""
         with self._lock, suppress(ValueError):
             self._parts.remove(part)
         part.undeclare()
@@ -325,7 +325,7 @@ class Publication(_Part):
                 self._put_kept()
 
     def refresh(self) -> None:
-        """Send again what is retained."""
+        """Send the retained messages again."""
         with self._lock, bus_errors(f"publish {self._key}"):
             self._put_kept()
 
@@ -369,7 +369,7 @@ def _config_of(endpoints: Sequence[str], session_id: str) -> zenoh.Config:
     With `peer:` before an endpoint it is a peer, which links to the processes that the router, or
     any of them, tells it of. Without endpoints it is configured as rmw_zenoh is, by
     ZENOH_SESSION_CONFIG_URI, else a client of tcp/localhost:7447; and ZENOH_CONFIG_OVERRIDE goes
-    over it. Raises SettingsError for what is no endpoint or no configuration.
+    over it. Raises SettingsError for an invalid endpoint or configuration.
     """
     path = os.environ.get("ZENOH_SESSION_CONFIG_URI", "")
     for each in endpoints:

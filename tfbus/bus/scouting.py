@@ -173,7 +173,7 @@ def received(from_socket: socket.socket) -> Iterable[tuple[bytes, tuple[str, int
         except BlockingIOError:
             return
         except OSError:
-            continue  # what was sent before had no receiver
+            continue  # an earlier message had no receiver
 
 
 def leave(one: socket.socket, group: str, places: Iterable[Place]) -> None:
@@ -233,7 +233,7 @@ class Scouts:
         self._zenoh = sockets
         self._links = links
         self._apart_s = _APART * lease_s
-        # When each of those that are lost was lost.
+        # By id, when a lost process was lost.
         self._lost_s: dict[str, float] = {}
         self._asking: dict[Place, socket.socket] = {}
         self._waiting: Bounded[str, float] = Bounded(_MOST_WAITING)
@@ -251,7 +251,7 @@ class Scouts:
         return {each.getsockname()[1] for each in self._asking.values()} | {*self._zenoh.asking}
 
     def note_lost(self, lost: Iterable[str]) -> None:
-        """Note the ids of those that are lost, and forget those that are linked again."""
+        """Note the ids of lost processes, and forget the ones that are linked again."""
         now_s = scheduler.monotonic()
         for zid in [zid for zid in self._waiting if zid in self._links]:
             del self._waiting[zid]
@@ -316,7 +316,7 @@ class Scouts:
         return asking
 
     def take_hellos(self, asking: socket.socket) -> None:
-        """Let Zenoh connect to those whose answers have come on one of the sockets."""
+        """Let Zenoh connect to the processes whose answers have come on one of the sockets."""
         for message, (host, _) in received(asking):
             hello = decode_hello(message)
             if hello is not None and hello.role != "client" and hello.zid != self._id:
@@ -393,7 +393,7 @@ class ScoutAnswers:
                 self.socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, at_place)
 
     def answer(self, own: Container[int]) -> None:
-        """Answer the Scouts that have come, but those of this session, from its `own` ports."""
+        """Answer the Scouts that have come, but for this session's, from its `own` ports."""
         assert self.socket is not None
         for message, source in received(self.socket):
             is_own = source[1] in own and self._is_here(source[0])

@@ -1,4 +1,4 @@
-"""A session: what one process declares, sends and queries on the bus."""
+"""A session: the declarations, messages and queries of one process on the bus."""
 
 import logging
 from collections.abc import Callable, Iterator
@@ -45,7 +45,7 @@ from tfbus.wire.limits import kind_of_query
 _LONG_ANSWERS = 4
 _LONG_ANSWERS_WAITING = 64
 
-# The end of a session waits at most this long for those that are being sent.
+# The end of a session waits at most this long for answers that are being sent.
 _LAST_ANSWERS_S = 2.0
 
 # Zenoh takes no infinite time for a query: thirty years.
@@ -263,8 +263,8 @@ class Session(NetworkSession):
 
     @property
     def retained_priority(self) -> zenoh.Priority:
-        """The priority of what retained messages and questions have that are about transforms: that
-        of dynamic transforms, on a bad network one above.
+        """The priority of retained messages and questions about transforms: the same as dynamic
+        transforms, on a bad network one above.
         """
         is_above = self.network.is_bad
         return zenoh.Priority.REAL_TIME if is_above else zenoh.Priority.INTERACTIVE_HIGH
@@ -288,8 +288,8 @@ class Session(NetworkSession):
         others: bool = False,
     ) -> Declaration:
         """Call `callback(key, payload)` for each message, and `on_too_large()` for one that is
-        dropped unread, since it is larger than the limit of its kind. With `others` those of this
-        session itself do not come.
+        dropped unread, since it is larger than the limit of its kind. With `others` messages of
+        this session itself do not come.
         """
         at, key = self.placed(key)
         with self._errors(f"subscribe to {key}"):
@@ -306,7 +306,7 @@ class Session(NetworkSession):
 
         If answers may be `long`, more than fits into a link, the callback runs on a thread of
         its own: if two processes sent such answers to each other on Zenoh's threads, each would
-        wait for the other. At most 4 run and 64 wait; further queries are refused, and those
+        wait for the other. At most 4 run and 64 wait; further queries are refused, and queries
         larger than the limit of their kind.
         """
         at, key = self.placed(key)

@@ -311,8 +311,8 @@ class NodeSettings(Struct):
     def check_right(self, right: str, name: str) -> None:
         """Check a right of a node with these settings for a name as the node uses it.
 
-        `right` is one of those of an Identity. Raises RightsError if the bus is closed and its
-        identity has not got it.
+        `right` is the name of a right of an Identity. Raises RightsError if the bus is closed and
+        its identity has not got it.
         """
         if self.closed is None:
             return
@@ -358,7 +358,7 @@ def _endpoints(endpoints: object, what: str) -> tuple[str, ...]:
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Raise SettingsError for what is no endpoint of Zenoh's, as tcp/host:7447."""
+    """Raise SettingsError unless the text is an endpoint of Zenoh's, as tcp/host:7447."""
     if not endpoint.isprintable():
         shown = printable(endpoint, 60)
         raise SettingsError(f"endpoint '{shown}' has a character that cannot be printed")

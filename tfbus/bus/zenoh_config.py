@@ -40,7 +40,7 @@ _MOST_LINKS = 4
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
-# Zenoh drops what is larger without a word. So that a message somewhat too large is still named in
+# Zenoh drops larger messages without a word. So that a message somewhat too large is still named in
 # the log, it passes on up to this many times the largest limit, and 64 KiB for what is around it.
 _NAMED_UP_TO = 2
 _AROUND_A_PAYLOAD = 65536
@@ -52,8 +52,8 @@ _MANY_RULES = 300
 # A pool of Zenoh's own size of 16 publishers of this host; each reader locks all of it.
 _LOCKED_AT_LEAST = 256_000_000
 
-# A process that is to have no datagrams takes none either that a router offers to all who scout:
-# Zenoh tries what it is offered in any order, and a connection must not begin by them.
+# A process that is to have no datagrams takes none either that a router offers to all scouts: Zenoh
+# tries the offered protocols in any order, and a connection must not begin by datagrams.
 _LINK_PROTOCOLS = "transport/link/protocols"
 
 _INTERFACE = "scouting/multicast/interface"
@@ -71,7 +71,7 @@ def zenoh_config(
     *,
     is_second: bool = False,
 ) -> zenoh.Config:
-    """Zenoh's configuration for these settings: the file's, overridden by what is given.
+    """Zenoh's configuration for these settings: the file's, overridden by the given values.
 
     A session opens without others after `scouting_s` seconds of scouting (None: as configured). The
     second one of a process has another id, and listens as the first does, on ports that are free.
@@ -179,7 +179,7 @@ def _of_bad_network(network: Network) -> dict[str, Any]:
 
 
 def _with_datagrams(endpoints: Iterable[str]) -> list[str]:
-    """These endpoints and, beside each of TCP, one of UDP for what may be lost."""
+    """These endpoints and, beside each of TCP, one of UDP for messages that may be lost."""
     found = []
     for each in endpoints:
         protocol, _, address = each.partition("/")
@@ -212,7 +212,7 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
 
 def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
-    """The settings that make every link encrypted, and lets in only what the rights allow."""
+    """The settings that encrypt every link, and let in only messages that the rights allow."""
     from tfbus.bus.rights import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
@@ -223,7 +223,7 @@ def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
         "listen_private_key": key,
         "connect_certificate": certificate,
         "connect_private_key": key,
-        # Scouting finds addresses; whose they are, and what it may do, the certificate says.
+        # Scouting finds addresses; the certificate says whose they are, and their rights.
         "verify_name_on_connect": folder.rights.names_hosts,
         "close_link_on_expiration": True,
     }

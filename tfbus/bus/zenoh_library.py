@@ -1,9 +1,9 @@
 """Zenoh as a library: its network, its threads, its errors as ours; and it survives no fork.
 
 A forked child has none of Zenoh's threads, so that a new session hangs in it, and it shares with
-its parent the file through which Zenoh hears of its sockets: what the child opens or closes takes
-the parent's links away. So nothing of Zenoh's is used in such a child, nor ended: what its parent
-had is kept for as long as the child lives, and what stands in its place raises BusError.
+its parent the file through which Zenoh hears of its sockets: a link that the child opens or closes
+takes the parent's links away. So nothing of Zenoh's is used in such a child, nor ended: its
+parent's objects are kept for as long as the child lives, and stand-ins for them raise BusError.
 """
 
 import ctypes
@@ -67,8 +67,8 @@ _SESSION_CLOSED = "session closed"
 
 @contextmanager
 def bus_errors(doing: str, node: str = "") -> Iterator[None]:
-    """Raise Zenoh's errors as BusError, and those of a key that UTF-8 cannot hold; `doing` is what
-    failed: "publish turtle1/pose". `node` is whose session it is.
+    """Raise Zenoh's errors, and the error of a key that UTF-8 cannot hold, as BusError; `doing` is
+    the action that failed: "publish turtle1/pose". `node` is whose session it is.
     """
     try:
         yield
@@ -77,7 +77,7 @@ def bus_errors(doing: str, node: str = "") -> Iterator[None]:
 
 
 def as_bus_error(doing: str, error: Exception, node: str = "") -> BusError:
-    """Zenoh's error as a BusError that says what could not be done."""
+    """Zenoh's error as a BusError that names the action that failed."""
     why = first_sentence(str(error))
     if node and why == _SESSION_CLOSED:
         why = f"node {node!r} is closed"
@@ -106,7 +106,7 @@ class OfParent:
     """Stands in a forked child for an object of Zenoh's that its parent had."""
 
     def undeclare(self) -> None:
-        """The parent ends what it has declared."""
+        """Do nothing: the parent ends its declarations."""
 
     def __getattr__(self, name: str) -> Never:
         raise BusError(f"this belongs to the process that this one is a fork of, and {_REMEDY}")
@@ -123,7 +123,7 @@ class Holders:
         self._attribute_of[holder] = attribute
 
     def give_up(self) -> None:
-        """Replace what all of them hold, which is kept for ever: ending it would harm the
+        """Replace Zenoh's object in each holder, and keep it for ever: ending it would harm the
         parent.
         """
         for holder, attribute in list(self._attribute_of.items()):

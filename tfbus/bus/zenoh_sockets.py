@@ -1,4 +1,4 @@
-"""Zenoh's own sockets: those that a session has opened, which Zenoh does not tell."""
+"""Zenoh's own sockets, which a session has opened and Zenoh does not tell."""
 
 import ctypes
 import os
@@ -54,8 +54,8 @@ class ZenohSockets(Struct):
 class SocketMarks(Struct):
     """Marks that tell a session's sockets from others that the process opens meanwhile.
 
-    `listening` are the addresses at which it listens on free ports, `group` and `ttl` those of its
-    Scouts, and `interfaces` is the number of interfaces that it scouts on.
+    `listening` are the addresses at which it listens on free ports, `group` and `ttl` its Scouts'
+    destination, and `interfaces` is the number of interfaces that it scouts on.
     """
 
     listening: Container[str]
@@ -80,7 +80,7 @@ class _Opening:
         self._new: set[_OpenFile] | None = None
 
     def has_its_sockets(self) -> bool:
-        """Whether files that are opened from now on are those of others."""
+        """Whether files that are opened from now on are others'."""
         if self._new is None:
             new = _files() - self._before
             found = _told_apart(new, self._marks)
@@ -168,10 +168,10 @@ def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
 
 def admit_datagrams(port: int, hosts: Iterable[str], ending: Iterable[str] = ()) -> str:
     """Let Zenoh's socket that takes datagrams at a port hear these hosts alone, by IPv4, and of
-    those that are `ending` the Close of a session; why it does not, "" if it does.
+    `ending` hosts the Close of a session; why it does not, "" if it does.
 
-    Zenoh opens all links to a process at once. Were that of datagrams the first, both would tell
-    each other by it what they have declared, and some of it would not arrive.
+    Zenoh opens all links to a process at once. Were the link of datagrams the first, both would
+    tell each other of their declarations by it, and some of them would not arrive.
     """
     program = _only_from(hosts, ending)
     code = ctypes.create_string_buffer(program)
@@ -200,7 +200,7 @@ _KIND = 0x1F
 
 
 def _only_from(hosts: Iterable[str], ending: Iterable[str]) -> bytes:
-    """The program that takes what comes from these hosts, and from others what ends a session."""
+    """The filter that takes datagrams of these hosts, and of `ending` ones the end of a session."""
     is_close = [(_LOAD_BYTE, 0, 0, _PAYLOAD), (_AND, 0, 0, _KIND)]
     is_close += [(_IS_EQUAL, 0, 1, _CLOSE_SESSION[0] & _KIND), _TAKE, _DROP]
     steps = [(_LOAD_BYTE, 0, 0, _IP), (_AND, 0, 0, 0xF0), (_IS_EQUAL, 1, 0, 0x40), _DROP]
@@ -230,7 +230,7 @@ def end_datagrams(links: Container[Ends]) -> None:
 
 def _end_session(one: socket.socket) -> None:
     """End the session of Zenoh's connected socket, of which this is a copy: here first, so that
-    nothing of it follows what ends it there.
+    nothing of it follows the Close that ends it there.
     """
     here, far = one.getsockname(), one.getpeername()
     with socket.socket(one.family, socket.SOCK_DGRAM) as near:

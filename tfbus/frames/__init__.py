@@ -1,6 +1,6 @@
-"""The tree of frames as a whole: who publishes what, what is wrong with it, and its pictures.
+"""The tree of frames as a whole: its publishers, its problems, and its pictures.
 
-Listed here is what nodes use: how `tfbus echo` writes a transform, and the bus that a page shows.
+Nodes use two names: how `tfbus echo` writes a transform, and the bus that a page shows.
 """
 
 from tfbus.base.lazy_exports import exported

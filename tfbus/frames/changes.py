@@ -61,7 +61,7 @@ def check_period(period_s: object) -> None:
 
 
 class Changes:
-    """The changes from each moment to the next; the first moment is what has come."""
+    """The changes from each moment to the next; at the first moment all has come."""
 
     def __init__(self) -> None:
         self._frames: Mapping[str, FrameStatus] = {}

@@ -31,7 +31,7 @@ _MOST_AHEAD_OF_SIMULATED_S = 10.0
 # lookups at the present time find it.
 _MOST_AHEAD_IN_ROS_S = 1.0
 
-# What is measured is rarely computed for longer, and what is, seldom comes often.
+# A measurement is rarely computed for longer, and if it is, seldom comes often.
 _MOST_LATE_S, _MOST_LATE_PERIODS = 1.0, 5.0
 
 # Stamps farther away than this are of another time, such as a simulated one.

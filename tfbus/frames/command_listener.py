@@ -25,7 +25,7 @@ from tfbus.streams.listener import TransformListener
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
-# This much of what publishers sent before gives their rates at once.
+# This much of the publishers' kept transforms gives their rates at once.
 _HISTORY_S = 3.0
 
 _CLOCK_WITHIN_S = 5.0
@@ -49,7 +49,7 @@ _ODD_BEHIND_S = 2.0
 
 @dataclass(frozen=True)
 class Listening:
-    """A command's own node, and what it receives: from a whole fleet, or from its namespace."""
+    """A command's own node, its buffer and listener: of a whole fleet, or of its namespace."""
 
     node: Node
     buffer: Buffer
@@ -169,7 +169,7 @@ def ask_others(session: Session) -> Described:
 
 @dataclass
 class _Asked:
-    """What is known of other processes by asking them, and when they were asked."""
+    """The answers of other processes, and when they were asked."""
 
     answers: Described = field(default_factory=Described)
     hint: str = ""

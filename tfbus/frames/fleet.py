@@ -16,14 +16,14 @@ from tfbus.wire.keys import namespace_of_node, relative
 
 RobotState = Literal["gone", "missing", "there"]
 
-# Worst first: a robot that was there and is lost, one that never came, then those with problems.
+# Worst first: a robot that was there and is lost, one that never came, then robots with problems.
 _RANKS: dict[RobotState, int] = {"gone": 0, "missing": 1, "there": 2}
 
 # Zenoh, TCP, IP and Ethernet add this to a message that comes alone, as benchmarks.bus.air counts
 # it, and to each further packet of it the headers.
 _AROUND_MESSAGE, _HEADERS, _PACKET = 95, 66, 1448
 
-# Rates are those of this time.
+# Rates are over this time.
 _RECENT_S = 5.0
 
 # Trees apart from the others are a trouble only in a robot that has several, as each robot has its
@@ -39,10 +39,10 @@ class RobotStatus:
     roster, and never seen). `is_expected` is False for a robot outside of the roster. `age_s` is
     the age of its newest dynamic sample, `clock_offset_s` how far the clock that is farthest off is
     ahead of ours; `messages_hz` are the messages of transforms received from it, and `bytes_per_s`
-    an estimate of what they take on the air: their payloads, and what the network adds to each. All
+    an estimate of their bytes on the air: the payloads, and the network's headers of each. All
     are None while not known. `versions` of tfbus are in its nodes. `problems` concern its
     frames, `stale` counts frames that are silent. `twice` are the hosts on which nodes of the
-    same name run at once, as where a robot and the one that takes its place are both on.
+    same name run at once, as when a robot and its substitute are both on.
     """
 
     name: str
@@ -153,8 +153,8 @@ class FleetWatch:
 
     def robots(self, moment: BusMoment, *, has_frames: bool = True) -> list[RobotStatus]:
         """The robots at a moment, worst first. One before the last moment begins again, as of a
-        recording that is played once more. If the moment is one without frames, those that were
-        seen last count, and ages are by the streams.
+        recording that is played once more. If the moment is one without frames, the last seen
+        frames count, and ages are by the streams.
         """
         if self._counted and moment.at_ns < self._counted[-1][0]:
             self._seen.clear()
@@ -208,7 +208,7 @@ class FleetWatch:
     def _judge(
         self, moment: BusMoment, of_stream: Mapping[str, str], parts: Mapping[str, _Parts]
     ) -> None:
-        """Look at all frames, and what is wrong with them."""
+        """Look at all frames, and at their problems."""
         for frame in moment.tree.frames.values():
             robot = of_stream.get(frame.authority)
             if robot is not None:
@@ -370,7 +370,9 @@ def _prefix(frame: str, parts: Mapping[str, _Parts]) -> str:
 def _concerned(
     problem: Problem, tree: FrameTree, of_stream: Mapping[str, str], parts: Mapping[str, _Parts]
 ) -> set[str]:
-    """The robots that a problem concerns: those that publish its frames, or have their names."""
+    """The robots that a problem concerns: the publishers of its frames, or else the robot whose
+    namespace is in their names.
+    """
     found: set[str] = set()
     for name in problem.frames:
         frame = tree.frames.get(name)

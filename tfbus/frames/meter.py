@@ -96,7 +96,7 @@ class TransformMeter:
         self.samples = 0
         self._looked_s = -math.inf
         self._names = StreamNames(fleet)
-        # Here: what measures a recording imports no bus.
+        # Here: a meter of a recording imports no bus.
         from tfbus.frames.named import NamedMessages
 
         self._named = NamedMessages(node, self._measure, everywhere=fleet is not None)
@@ -157,7 +157,7 @@ class TransformMeter:
 
     def receive(self, key: str, payload: bytes) -> None:
         """Measure a message of transforms that has come at this key."""
-        # The listener counts what it cannot read, and logs it where it is not of ROS 2.
+        # The listener counts unreadable messages, and logs them if they are not of ROS 2.
         with suppress(DecodeError):
             self._named.decode(key, payload)
 
@@ -194,7 +194,7 @@ class TransformMeter:
                 self.samples += meter.add(at_s, stamp_ns, now_ns, grow=grow)
 
     def _has_room(self, measured: Sized, at_s: float) -> bool:
-        """Whether one more is measured; those that have been silent for long make room."""
+        """Whether one more is measured; edges that have been silent for long make room."""
         if len(measured) < _MOST_EDGES:
             return True
         if at_s >= self._looked_s + 1.0:
@@ -220,7 +220,7 @@ MOST_LOOKS = 100_000
 
 @dataclass
 class _Rows:
-    """Messages of one layout: when they came, what time it was then, and their stamps."""
+    """Messages of one layout: log times, times of the clock at arrival, and stamps, in ns."""
 
     log_ns: "array[int]" = field(default_factory=lambda: array("q"))
     now_ns: "array[int]" = field(default_factory=lambda: array("q"))
@@ -265,7 +265,7 @@ class SpanMeter:
         return {edge: _joined(found) for edge, found in parts.items()}
 
     def edges(self) -> Iterator[EdgeFlow]:
-        """How the samples of each edge came. Rate and jitter are those between its gaps."""
+        """The flow of each edge. Rate and jitter leave out its gaps."""
         for edge, samples in self.samples().items():
             yield self._flow(edge, samples)
 

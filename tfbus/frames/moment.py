@@ -151,10 +151,10 @@ class FrameStatus:
     `state` is "root" (no parent), "static" or "dynamic", or the worst of its `faults`: "gone" (its
     publisher has left), "conflict" (several living publishers), "stale" (silent for longer than its
     rate allows) or "ahead" (stamped in the future). `publisher` is the stream of the last sample,
-    `publishers` are all living streams that list the frame; `node` (full name) and `host` are those
-    of the publisher.
+    `publishers` are all living streams that list the frame; `node` (full name) and `host` are the
+    publisher's.
 
-    In s, None for a root or static frame and while not known: `age_s` is that of the newest stamp,
+    In s, None for a root or static frame and while not known: `age_s` is the newest stamp's,
     `silent_s` the time since a sample came, `delay_s` how old samples are when they come. `rate_hz`
     is how often they come, by their stamps. `oldest_ns` and `newest_ns` are the stamps kept, in ns
     since the Unix epoch.
@@ -210,7 +210,7 @@ class BusMoment:
 
     @property
     def streams(self) -> Mapping[str, StreamInfo]:
-        """All streams by name: publishers, their clocks, and what was received of them."""
+        """All streams by name: publishers, their clocks, and counts of their messages."""
         return self.tree.streams
 
     @cached_property
@@ -363,13 +363,13 @@ def key_of_stream(name: str, namespace: str) -> str:
 
 
 class Ongoing(Generic[K, V]):
-    """Items that begin and end: compares those of one moment with those of the moment before."""
+    """Items that begin and end: compares the items of one moment with the moment before's."""
 
     def __init__(self) -> None:
         self.items: dict[K, V] = {}
 
     def update(self, now: Mapping[K, V]) -> tuple[dict[K, V], dict[K, V]]:
-        """The items that have begun, and those that have ended, as they were at first."""
+        """The items that have begun, and the ended ones, as they were at first."""
         begun = {key: value for key, value in now.items() if key not in self.items}
         ended = {key: value for key, value in self.items.items() if key not in now}
         self.items = {key: value for key, value in self.items.items() if key in now} | begun

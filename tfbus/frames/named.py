@@ -21,7 +21,7 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms
 # Names come from the bus: the numbers of at most so many streams are known.
 _MOST_STREAMS = 1000
 
-# Those of a stream, and the description that they are from.
+# The numbers of a stream, and the description that they are from.
 _Numbers = tuple[FrameNumbers, StreamDescription | None]
 _NONE: _Numbers = NO_NUMBERS, None
 

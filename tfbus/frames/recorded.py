@@ -1,8 +1,8 @@
-"""What a listener would have known at a moment of a recording.
+"""The frames at a moment of a recording, as a listener would have known them.
 
 Messages, tokens and descriptions are judged by the same code as on a bus, so that frames are gone,
-stale or in conflict as they were then. A moment is a log time. The delays, and with them what is
-stale, are by the log times too: it makes no difference when the recording is looked at.
+stale or in conflict as they were then. A moment is a log time. The delays, and so the stale frames,
+are by the log times too: it makes no difference when the recording is looked at.
 """
 
 import logging
@@ -168,13 +168,13 @@ class RecordedFrames:
 
     def hear(self, from_ns: int | None, to_ns: int | None, selection: Selection = ALL) -> None:
         """Be a listener that began at one log time and ended after another. `buffer` is another one
-        from then on, with what was in force at the beginning.
+        from then on, with the transforms that were in force at the beginning.
         """
         before = [] if from_ns is None else self._source.state_at(from_ns, selection).items(from_ns)
         self._go_through(before, self._source.items(from_ns, to_ns, selection), self.end_ns)
 
     def count_from_now(self) -> None:
-        """Count messages of streams, and those missed, from now on only."""
+        """Count messages of streams, and missed ones, from now on only."""
         for stream in self._streams.values():
             counts = stream.reception.counts
             counts.messages = counts.transforms = counts.missed = counts.outdated = 0
@@ -189,7 +189,7 @@ class RecordedFrames:
 
     def play(self, to_ns: int, every_ns: int | None = None) -> Iterator[Item | Tick]:
         """Go on to a later log time; yields each item when it has been taken. Streams and frames in
-        it are called as here, and those that are not seen from here are left out. With `every_ns`
+        it are called as here, and left out if they are not seen from here. With `every_ns`
         it yields a Tick whenever so much time has passed, with the frames as they are then.
         """
         ticks = range(self._at_ns + every_ns, to_ns, every_ns) if every_ns else ()
@@ -361,10 +361,10 @@ class RecordedFrames:
     def _children(self, item: TransformItem) -> frozenset[str]:
         return frozenset(map(self._names(item.stream).outside, item.rows.children()))
 
-    # What is known
+    # The state at the moment
 
     def now_ns(self) -> int:
-        """The moment; by the simulated clock where that is followed."""
+        """The moment; by the simulated clock if that is followed."""
         return self._clock.now_ns()
 
     @property
@@ -511,7 +511,7 @@ class RecordedFrames:
         return None
 
     def hint(self, frame: str = "") -> str:
-        """Where in the recording a frame is to be found: later, or in another namespace."""
+        """A sentence that tells where in the recording a frame is: later, or in another namespace."""
         first_ns: dict[str, int] = {}
         elsewhere = set()
         for event in self._events:
@@ -590,7 +590,7 @@ class _HeardStream:
         return reception
 
     def expect_any_number(self) -> None:
-        """The recorder was paused: what came meanwhile is not missing."""
+        """The recorder was paused: messages that came meanwhile are not missing."""
         self._keys.clear()
 
     def take_event(self, event: EventItem, names: FrameNames) -> None:
@@ -618,7 +618,7 @@ class _HeardStream:
     def describe_by(
         self, item: TransformItem, pairs: list[tuple[int, int]], frames: tuple[str, ...]
     ) -> None:
-        """Nothing was recorded of its token and description: it lists what it sends."""
+        """Describe a stream without a recorded token and description by the frames that it sends."""
         rows = {frames[child]: (frames[parent], item.static) for parent, child in pairs}
         if self.state.alive and rows.items() <= self._seen.items():
             return
@@ -631,7 +631,7 @@ class _HeardStream:
 
 _READER = TransformReader()
 
-# What a listener logged was logged then.
+# The listener of then has logged it.
 _SILENT = logging.Logger("recorded", level=logging.CRITICAL + 1)
 
 
@@ -656,7 +656,7 @@ def _node_of(event: EventItem) -> NodeDescription | None:
 
 
 def _namespace_of(event: EventItem) -> str:
-    """The namespace of a stream: that of its node, or what is before its last name."""
+    """The namespace of a stream: its node's, or its name without the last part."""
     node = str(event.facts.get("node") or "").strip("/")
     namespace = node.rpartition("/")[0]
     if node and (not namespace or event.name.startswith(f"{namespace}/")):

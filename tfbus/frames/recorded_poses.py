@@ -225,8 +225,8 @@ def is_static(recording: Recording, target: str, source: str) -> bool:
 
 
 def stamps_of(bag: OpenBag) -> tuple[int, int] | None:
-    """The first and last stamp of what was received in the span that was chosen; the span itself
-    if no dynamic transform was, None if no span was chosen.
+    """The first and last stamp of dynamic transforms received in the chosen span; the span itself
+    if there are none, None if no span was chosen.
     """
     if bag.choice.begin is None and bag.choice.end is None:
         return None

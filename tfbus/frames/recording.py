@@ -57,7 +57,7 @@ _LONGEST_RUN_NS = 300 * _CELL_NS
 class RecordedFrame:
     """A frame in a recording: the last frame above it, the streams that sent it, how many samples
     there are, and the first and last of their stamps, in nanoseconds since the Unix epoch. Of a
-    static frame the samples include those that repeat it.
+    static frame the samples include repeated ones.
     """
 
     name: str
@@ -76,19 +76,19 @@ class Recording(AbstractContextManager["Recording"]):
         with tfbus.Recording("tfbus_2026_11_22-09_00_00.mcap") as recording:
             pose = recording.lookup_transform("map", "laser", stamp_ns)
 
-    Lookups go by the stamps of the transforms, anywhere in the recording, and read only what they
-    need. They answer as a listener would have that knew all that came: of a stream that restarted
-    each epoch counts for its own stamps, and the static transforms are those in force then. A
+    Lookups go by the stamps of the transforms, anywhere in the recording, and read only the chunks
+    that they need. They answer as a listener would have that knew all that came: of a stream that
+    restarted each epoch counts for its own stamps, and static transforms count as in force then. A
     static transform also holds before it was received, as in tf2; with `statics="then"` it does
     not. Nothing is interpolated across a pause of the recorder: lookups in it raise
-    ExtrapolationException. The times `start_ns` and `end_ns`, and those of items and messages, are
-    log times: when the recorder received them. Both are nanoseconds since the Unix epoch.
+    ExtrapolationException. The times `start_ns` and `end_ns`, and the times of items and messages,
+    are log times: when the recorder received them. Both are nanoseconds since the Unix epoch.
 
     An unreadable part of a file is left out, and logged once.
 
     Needs the extra `bag`. Raises MissingFileError, which is a FileNotFoundError, for a file that
-    is not there, FileError if one cannot be opened, and DecodeError for what is no recording. Safe
-    from any thread.
+    is not there, FileError if one cannot be opened, and DecodeError for one that is no recording.
+    Safe from any thread.
     """
 
     def __init__(self, *paths: str | os.PathLike[str], statics: Statics = "always") -> None:
@@ -138,7 +138,7 @@ class Recording(AbstractContextManager["Recording"]):
     def __repr__(self) -> str:
         return f"<Recording of {self.duration_s:.1f} s, {len(self.streams)} streams>"
 
-    # What is in it
+    # Its contents
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -162,7 +162,7 @@ class Recording(AbstractContextManager["Recording"]):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no file was cut short, as by a power failure; what is there is read."""
+        """Whether no file was cut short, as by a power failure; the rest is read."""
         return self._reader.is_complete
 
     @property
@@ -215,7 +215,7 @@ class Recording(AbstractContextManager["Recording"]):
         self, from_ns: int | None = None, to_ns: int | None = None, selection: Selection = ALL
     ) -> Iterator[Item]:
         """All that was recorded from one log time to another, both included, in order of the log
-        times; what only repeats what is in force comes once.
+        times; an item that only repeats one in force is left out.
 
         Raises InvalidArgumentException for a span that ends before it begins.
         """
@@ -380,9 +380,9 @@ class Recording(AbstractContextManager["Recording"]):
         *,
         sampling: Sampling | None = None,
     ) -> "tuple[TransformArray, NDArray[np.bool_]]":
-        """The transforms at those of N stamps that can be answered, and which they are.
+        """The transforms at N stamps as far as they are known, and a mask of the known stamps.
 
-        The mask (N,) is False, and the rows are NaN, where there is no answer. Raises
+        The mask (N,) is False, and the rows are NaN, if there is no answer. Raises
         LookupException for a frame that is not in the recording.
         """
         stamps = _checked_stamps(stamps_ns)
@@ -494,8 +494,8 @@ class Recording(AbstractContextManager["Recording"]):
         lookups do not advise to wait. Raises InvalidArgumentException for a span that ends before
         it begins.
 
-        It keeps all samples, unless `arguments`, which are those of `Buffer`, say otherwise.
-        Its clock stands at the end of the span, so that ages (`max_age_s`) are those of then.
+        It keeps all samples, unless `arguments`, as `Buffer` takes them, say otherwise.
+        Its clock stands at the end of the span, so that ages (`max_age_s`) are as of then.
         Samples from before a restart of their stream are not in it, nor frames that were removed;
         frames whose publisher was gone at the end are marked so. In a pause of the recorder
         lookups raise ExtrapolationException.
@@ -521,7 +521,7 @@ class Recording(AbstractContextManager["Recording"]):
     # How it finds them
 
     def _check_open(self) -> None:
-        """Raise InvalidArgumentException if it is closed, also for what is held in memory."""
+        """Raise InvalidArgumentException if it is closed, also for contents held in memory."""
         if self._is_closed:
             name = printable(str(self.paths[0]))
             raise InvalidArgumentException(f"{name} is closed: read it within its `with`")
@@ -584,8 +584,8 @@ class Recording(AbstractContextManager["Recording"]):
             raise
 
     def _tell_of_other_clock(self, error: ExtrapolationException) -> None:
-        """Have the error for a stamp that is years away say what stamps are in a recording, if
-        no publisher can be given another clock.
+        """Have the error for a stamp that is years away explain stamps of a recording, if no
+        publisher can be given another clock.
         """
         if error.requested_ns is None or error.newest_ns is None:
             return
@@ -606,7 +606,7 @@ class Recording(AbstractContextManager["Recording"]):
         stamps: "NDArray[np.int64] | None" = None,
     ) -> Iterator[SampledSpan]:
         """Spans from one stamp to another, of the frames that the two need; with `stamps` only
-        those in which one of them is.
+        spans in which one of them is.
         """
         children = self._samples().chain(target_frame, source_frame)
         if not self._samples().knows(target_frame, source_frame):

@@ -26,8 +26,8 @@ Ints: TypeAlias = "NDArray[np.int64]"
 
 @dataclass(frozen=True)
 class EdgeSamples:
-    """The samples of an edge in the order in which they came: when they did, what time it was then
-    (it differs under simulated time), and their stamps, each (N,) in ns.
+    """The samples of an edge in the order in which they came: their log times, the clock's time
+    then (it differs under simulated time), and their stamps, each (N,) in ns.
     """
 
     log_ns: "Ints"
@@ -42,7 +42,7 @@ class EdgeFlow:
     Of the recent ones: `rate_hz` by their arrivals, `jitter_s` the standard deviation of the times
     between them and `period_s` their median, `delays_s` their ages at arrival, by their stamps and
     our clock, below zero for stamps in the future. Since the meter was made: `longest_gap_s`
-    between two stamps, `out_of_order` counts samples older than one before, `at_zero` those with
+    between two stamps, `out_of_order` counts samples older than one before, `at_zero` samples with
     the stamp 0. In a span of a recording all are of the whole span, and times between samples are
     of their arrivals. There, `gaps` counts the pauses, which rate and jitter leave out, and the
     longest begins at the log time `gap_from_ns`, None without one.
@@ -192,7 +192,7 @@ class Report:
         return self.flows.get((frame.authority, frame.name)) or _no_flow(frame)
 
     def edges(self) -> list[FrameInfo]:
-        """The frames with a parent, by name; with a pair, those of its chain, in its order."""
+        """The frames with a parent, by name; with a pair, only its chain, in its order."""
         frames = self.tree.frames
         names = (
             self.pair.chain if self.pair and self.pair.chain else sorted(frames, key=natural_order)
@@ -200,7 +200,7 @@ class Report:
         return [frames[name] for name in names if name in frames and frames[name].parent]
 
     def rows(self) -> list[MeasuredEdge]:
-        """The edges of `edges`, and those of further publishers, from which samples came too."""
+        """The edges of `edges`, and edges of further publishers, from which samples came too."""
         found = [MeasuredEdge(frame, self.flow(frame)) for frame in self.edges()]
         shown = {(row.frame.authority, row.frame.name) for row in found}
         chain = self.pair.chain if self.pair else ()

@@ -1,6 +1,6 @@
 """Which messages of a recording counted together, by the rules of a listener.
 
-The listener is one: `RecordedFrames` goes through what the index and the events say, and each time
+The listener is one: `RecordedFrames` goes through the index and the events, and each time
 that it drops the samples of a stream, or of a frame, other messages begin to count.
 """
 
@@ -28,7 +28,7 @@ _NONE = Columns.of_bytes((), b"", b"", b"")
 @dataclass(frozen=True)
 class Run:
     """The messages of a stream in one epoch that were received from one log time on, and before
-    another: they count together, and void what was before. With a `child` they are those of that
+    another: they count together, and void earlier ones. With a `child` they are messages of that
     frame alone, which was removed before or behind them.
     """
 
@@ -48,7 +48,7 @@ class Run:
 
 
 class _Dropping(Buffer):
-    """A buffer without samples, which notes of what samples are dropped: a stream, and the frames,
+    """A buffer without samples, which notes whose samples are dropped: a stream, and the frames,
     None for all.
     """
 
@@ -105,8 +105,8 @@ def _parts(run: Run, removed: list[tuple[int, str]]) -> Iterator[Run]:
 def _told(
     reader: RecordingReader, frames: RecordedFrames, several: Collection[str]
 ) -> Iterator[EventItem | TransformItem]:
-    """The events of streams, and of those with several epochs the messages that may begin one, each
-    when `frames` has taken it.
+    """The events of streams, and of streams with several epochs the messages that may begin one,
+    each when `frames` has taken it.
     """
     events = [each for each in reader.events if each.kind in ("stream", "stream gone")]
     # By stream the channel of its last message that counted: the next of it changes nothing.

@@ -1,4 +1,4 @@
-"""The samples of a recording by stamp: which chunks hold those around a time, as a buffer."""
+"""The samples of a recording by stamp: the chunks around a time, read into a buffer."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -58,9 +58,9 @@ class _Stretch:
 class RecordedSamples:
     """Finds samples by their stamps.
 
-    Of each stream the messages of one run count at a time, of a frame that was removed those of one
-    part of it: of the last whose samples begin before and end after the time, else of the last that
-    begins before.
+    Of each stream the messages of one run count at a time, of a frame that was removed only one
+    part of the run: of the last whose samples begin before and end after the time, else of the last
+    that begins before.
     """
 
     def __init__(
@@ -82,11 +82,11 @@ class RecordedSamples:
         self._versions = self._static_versions()
         self._breaks = sorted(self._break_stamps())
 
-    # What there is
+    # Stamps and frames
 
     @property
     def first_ns(self) -> int | None:
-        """The earliest stamp of a dynamic transform; None where there is none."""
+        """The earliest stamp of a dynamic transform; None if there is none."""
         return int(self._first.min()) if len(self._first) else None
 
     @property
@@ -202,8 +202,8 @@ class RecordedSamples:
     def _wanted(
         self, first_ns: int, last_ns: int, runs: set[int], children: frozenset[str] | None
     ) -> list[int]:
-        """The rows with samples between two stamps, and those with the last before and the first
-        behind, of each child in each stream.
+        """The rows with samples between two stamps, with the last before and with the first behind,
+        of each child in each stream.
         """
         numbers = None
         if children is not None:
@@ -218,7 +218,7 @@ class RecordedSamples:
         """The same of the rows of one segment."""
         begins = start + int(np.searchsorted(self._peak[start:end], first_ns))
         behind = start + int(np.searchsorted(self._first[start:end], last_ns, "right"))
-        # Those before end before; between, one that ends early may follow one that ends late.
+        # Earlier rows end before; between, one that ends early may follow one that ends late.
         between = self._last[begins:behind] >= first_ns
         found = (begins + np.flatnonzero(between)).tolist()
         if begins > start:
@@ -302,7 +302,7 @@ class RecordedSamples:
     # Static transforms
 
     def _statics_at(self, stamp_ns: int) -> list[TransformItem]:
-        """The static sets in force at a stamp; where they always hold, with those to come."""
+        """The static sets in force at a stamp; if they always hold, with later ones."""
         at = bisect_left([stamp for stamp, _ in self._versions], stamp_ns)
         log_ns = self._versions[at - 1][1] if at else -1
         found = list(self._reader.state_at(log_ns).statics.values()) if at else []
@@ -365,8 +365,8 @@ class RecordedSamples:
                 self._runs_of[run.key].append(number)
 
     def _rows_of_runs(self, dynamic: Ints) -> Ints:
-        """The rows with the number of their run in the place of that of their key. Where one run
-        ends in a chunk the chunk is read.
+        """The rows with the number of their run in the place of their key's. If one run ends in a
+        chunk the chunk is read.
         """
         found = [np.empty((0, 6), np.int64)]
         children = [child for _, child in self._table.edges]
@@ -523,7 +523,7 @@ def _at(stretches: list[_Stretch], stamp_ns: int) -> _Stretch:
 
 
 def _children(group: Group) -> frozenset[str]:
-    """The child frames of a group, which are those of its first message."""
+    """The child frames of a group: all of its messages have the first one's."""
     rows = group.rows
     edges = np.frombuffer(rows.edges, np.uint32, 2 * rows.count // len(group.log_ns), rows.edges_at)
     return frozenset([rows.frames[child] for child in edges[1::2].tolist()])
@@ -536,8 +536,8 @@ def _between(group: Group, run: Run) -> Group | None:
 
 
 def _in_order(groups: list[Group]) -> list[Group]:
-    """The groups in the order in which they came: of equal stamps of a frame the last counts. Where
-    a frame has equal stamps in groups that came at the same time, their messages are by themselves.
+    """The groups in the order in which they came: of equal stamps of a frame the last counts. If a
+    frame has equal stamps in groups that came at the same time, their messages are by themselves.
     """
     groups = sorted(groups, key=lambda group: group.log_ns[0])
     of_child: dict[str, list[int]] = defaultdict(list)

@@ -1,4 +1,4 @@
-"""The tree of frames at one moment, with the publishers of each edge and what is wrong."""
+"""The tree of frames at one moment, with the publishers of each edge and the problems."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -51,7 +51,7 @@ REMEDIES: dict[ProblemKind, str] = {
 
 @dataclass(frozen=True)
 class Problem:
-    """A problem of the tree of frames: the evidence is `text`, a sentence; `remedy` what to do.
+    """A problem of the tree of frames: the evidence is `text`, a sentence; `remedy` the way out.
 
     `kind` is "loop" (edges form one), "conflict" (several living publishers), "gone" (a publisher
     is), "disconnected" and "orphan" (a tree, or a frame, apart from the largest tree), "silent"
@@ -181,7 +181,7 @@ class FrameTree:
         stream = self.publisher(frame)
         if stream.delay_s is None or stream.last_delay_s is None:
             return None
-        # Where this process itself was held up, the last of what waited comes in time.
+        # If this process itself was held up, the last of the waiting messages comes in time.
         delay_s = min(stream.delay_s, stream.last_delay_s)
         late = is_late(delay_s, frame.rate_hz, is_simulated=self.is_simulated)
         return delay_s if late else None
@@ -371,7 +371,7 @@ def _printable_stream(stream: StreamInfo) -> StreamInfo:
 
 
 def who(stream: StreamInfo) -> str:
-    """A publisher as people look for it: its node, host and pid; what a bridge brings has another
+    """A publisher as people look for it: its node, host and pid; a bridge's streams have another
     publisher, in ROS.
     """
     if not stream.node:

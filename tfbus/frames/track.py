@@ -46,9 +46,7 @@ def gaps_of(track: Trajectory) -> NDArray[np.bool_]:
 
 
 def rpy_rad(track: Trajectory) -> Floats:
-    """(N, 3) roll, pitch and yaw in radians, those of `Transform.as_rpy` without jumps by whole
-    turns.
-    """
+    """(N, 3) roll, pitch and yaw in radians, as of `Transform.as_rpy` without jumps of a turn."""
     angles: Floats = np.unwrap(track.transforms.as_rpy(), axis=0)
     return angles
 

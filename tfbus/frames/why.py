@@ -84,8 +84,7 @@ ON_THE_BUS = Advice()
 class FleetAdvice(Advice):
     """The remedies in a fleet, where an unknown frame may be of a robot that is not there.
 
-    `robots` are those that are there, gone or missing; a `roster` are those that are expected, ()
-    for any.
+    `robots` are there, gone or missing; a `roster` are the names of expected robots, () for any.
     """
 
     def __init__(self, robots: Iterable[RobotStatus], roster: Collection[str] = ()) -> None:
@@ -118,7 +117,7 @@ class FleetAdvice(Advice):
 
 @dataclass(frozen=True)
 class Step:
-    """An edge of the path: its facts, and what is wrong with it for this lookup.
+    """An edge of the path: its facts, and its worst problem for this lookup.
 
     "warn" does not make the lookup fail, but is a bad sign; `reason` and `remedy` are "" when the
     verdict is "ok".
@@ -137,8 +136,8 @@ class Explanation:
     """The result of a lookup of `source` seen from `target` at a stamp (None: the latest).
 
     `failure` is the message of the error, "" when there is an `answer`. `steps` lead from the
-    target to the source or, when they are not connected, from each to its root. `remedies` say
-    what to do, the most likely first.
+    target to the source or, when they are not connected, from each to its root. `remedies` are
+    sentences, the most likely first.
     """
 
     target: str
@@ -148,7 +147,7 @@ class Explanation:
     failure: str
     steps: tuple[Step, ...]
     remedies: tuple[str, ...]
-    # What subscriptions say whose messages wait for this lookup, of each its node and counts.
+    # The subscriptions whose messages wait for this lookup, of each its node and counts.
     filters: tuple[str, ...] = ()
 
 
@@ -236,7 +235,7 @@ def _faults(
     """The problems of an edge, the worst first: verdict, reason, remedy."""
     stream = tree.publisher(frame)
     if tree.no_stamps(frame):
-        # What they look like is among its facts, and the remedy with the problem of the tree.
+        # Its facts show the stamps, and the problem of the tree has the remedy.
         yield "warn" if stamp_ns is None else "fail", "no lookup at a time finds its samples", ""
     if not frame.static:
         yield from _out_of_time(tree, frame, stamp_ns, advice)
@@ -405,9 +404,9 @@ def explain_recorded(
     *,
     at_moment: bool = False,
 ) -> Explanation:
-    """Explain the latest lookup at the moment of the frames; `files` are those of the recording, as
-    on a command line. With `at_moment` there is an answer only where there is one at the very
-    moment, as `tfbus echo --at` asks for it; of a pause the last before it counts.
+    """Explain the latest lookup at the moment of the frames; `files` are the recording's, as on a
+    command line. With `at_moment` there is an answer only if there is one at the very moment, as
+    `tfbus echo --at` asks for it; of a pause the last before it counts.
     """
     advice = _InRecording(frames, files)
     found = explain(frames.moment(), frames.buffer, target, source, advice=advice)

@@ -6,7 +6,7 @@ buffer holds its lock around every call of `fill`.
 
 A block of rows takes each edge in turn. The common part of all times between two samples is
 computed once while the stamps stay between them, and the processor works at several rows at a time,
-since none waits for another; each row's numbers are those of a single lookup, to the bit. So rows
+since none waits for another; each row's numbers equal a single lookup's, to the bit. So rows
 are put into the order of their times first; a few out of order cost little, and the order may be
 rough. How rough depends on how evenly the times are spread.
 """
@@ -38,7 +38,7 @@ if not cython.compiled:
 _ROWS = 64
 # As in `lerp_slerp`: below this four terms of the series of slerp's weights are exact to 1e-14.
 _SERIES_BELOW = 1e-3
-# The numbers of a row without a pose; what is computed from them is NaN, too.
+# The numbers of a row without a pose; all results of them are NaN, too.
 _NOTHING = float("nan")
 
 # Ordering fewer rows gains too little; the numbers of more would not fit 32 bits.
@@ -83,7 +83,7 @@ def fill(
     screw: bool,
 ) -> None:
     """Write the poses at the stamps of rows [start, stop) into `xyz` (three numbers a row) and
-    `quat` (four): those of `path.follow`, and NaN if it has none; there `known` is 0. With
+    `quat` (four), as of `path.follow`, and NaN if it has none; there `known` is 0. With
     `rows` from `by_time`, row `rows[i]` is the i-th of [start, stop).
     """
     if cython.compiled:  # noqa: SIM108  # in C the two are of different types
@@ -321,14 +321,14 @@ def _distribute(
     stamps: Any, least: float, most: float, starts: Any, buckets: Any, rows: Any
 ) -> None:
     """Write the rows of stamps from `least` to `most`, by a counting sort into buckets of equal
-    length. `starts` are zeros, one more than buckets; `buckets` is room for those of the stamps.
+    length. `starts` are zeros, one more than buckets; `buckets` is room for each stamp's bucket.
     """
     with cython.nogil:
         last = len(starts) - 2
         pace = last / (most - least)
         for i in range(len(stamps)):
             way = (stamps[i] - least) * pace
-            # Rounding may exceed the last bucket; it is NaN where the two are one double; and a
+            # Rounding may exceed the last bucket; it is NaN if the two are one double; and a
             # thread may write into the stamps meanwhile.
             if way > last:
                 way = last

@@ -33,7 +33,7 @@ except ImportError:
 
 Pose = tuple[float, float, float, float, float, float, float]
 
-# What `History` answers about a sample.
+# The answers of `History` about a sample.
 KEPT = 0
 TOO_OLD = 1
 REPEATED = 2
@@ -137,7 +137,7 @@ def off_unit(pose: Pose) -> float:
 
 
 def unit(pose: Pose, error: float) -> Pose:
-    """The pose with its quaternion normalised; `error` is what `off_unit` says of it."""
+    """The pose with its quaternion normalised; `error` is from `off_unit`."""
     x, y, z, qx, qy, qz, qw = pose
     scale = 1.0 / math.sqrt(1.0 + error)
     return x, y, z, qx * scale, qy * scale, qz * scale, qw * scale
@@ -254,7 +254,7 @@ def log_pose(p: Pose) -> tuple[float, float, float, float, float, float]:
 
 # Edge history
 
-# What `locate` answers for a time that is not between samples.
+# The answer of `locate` for a time that is not between samples.
 OUTSIDE = -1.0
 
 _FIRST_CAPACITY = 4
@@ -340,8 +340,8 @@ def locate(samples: Samples, stamp_ns: int) -> float:
 
 
 def locate_as(samples: Samples, other: Samples, ratio: float, stamp_ns: int) -> float:
-    """As `locate`, for an edge that is not static; `ratio` is what that has said of another edge at
-    this time, and holds for this one if both have the same stamps around it.
+    """As `locate`, for an edge that is not static; `ratio` is the answer for another edge at this
+    time, and holds for this one if both have the same stamps around it.
     """
     if ratio >= 0.0:
         if stamp_ns < samples.before or stamp_ns >= samples.after:
@@ -607,7 +607,7 @@ class History:
         self.forget_samples()
 
     def track(self) -> None:
-        """Let Python's collector know this frame and those above it: from now on it may be in a
+        """Let Python's collector know this frame and its ancestors: from now on it may be in a
         cycle, as it refers to more than its parent, or others that do refer to it.
         """
         if cython.compiled:
@@ -746,8 +746,8 @@ class History:
         return samples.after - samples.before > max_gap_ns
 
     def around(self, stamp_ns: int) -> tuple[int, int] | None:
-        """The stamps of the two samples that a time is computed from: those on both sides of it, or
-        the first two or the last two; None if there is a sample of that time, or only one.
+        """The stamps of the two samples that a time is computed from: on both sides of it, or the
+        first two or the last two; None if there is a sample of that time, or only one.
         """
         samples = self.samples
         if samples.is_static or samples.tail - samples.head < 2:
@@ -850,7 +850,7 @@ class History:
         self.samples.mixed = self.parents is not None or self.interruptions is not None
 
     def _forget_interruptions(self) -> None:
-        """Remove those before the oldest sample."""
+        """Remove interruptions before the oldest sample."""
         known = self.interruptions
         if known is not None and next(iter(known)) < self._stamp(self.samples.head):
             oldest = self._stamp(self.samples.head)
@@ -1065,8 +1065,8 @@ class History:
         dropped for that, as there are `max_samples`.
 
         Columns grow by a sixth when all slots are in use, and shrink when less than a quarter is.
-        There is memory for twice as many, so that most growth copies nothing; what is not in use
-        yet is not touched, and takes no place.
+        There is memory for twice as many, so that most growth copies nothing; unused memory is not
+        touched, and takes no place.
         """
         samples = self.samples
         alive = samples.tail - samples.head
@@ -1140,7 +1140,7 @@ class Path:
     """From a source frame up to the common ancestor, and from there down to a target frame.
 
     `up` are the edges from the source to the ancestor, the source's own first; `down` those from
-    the target to the ancestor. `topology` is that of the tree in which the path was found. `pose`
+    the target to the ancestor. `topology` is the tree's when the path was found. `pose`
     is the result of `follow`.
     """
 
@@ -1220,7 +1220,7 @@ class Path:
         """
         if cython.compiled:
             return self.follow_into(cython.address(self.pose), stamp_ns, screw)
-        else:  # where Cython leaves out what it could not compile
+        else:  # Cython leaves out this branch, which it could not compile
             poses = [self.pose]
             has_data = self.follow_into(poses, stamp_ns, screw)
             self.pose = poses[0]
@@ -1270,8 +1270,7 @@ class Path:
 
 def chained(up: list[Pose], down: list[Pose]) -> Pose:
     """The pose of a source in a target, by the edges from the source up to the common ancestor, and
-    those from the target up to it: composed in the order of `Path.follow`, the same to the last
-    bit.
+    from the target up to it: composed in the order of `Path.follow`, the same to the last bit.
     """
     pose: Pose = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     for step in reversed(down):

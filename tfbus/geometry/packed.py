@@ -142,7 +142,7 @@ def octets_of(room: bytearray) -> MutableSequence[int]:
 
 
 def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:
-    """Whether the `size` bytes from there are those of the text."""
+    """Whether the `size` bytes from there are the text's."""
     return data[at : at + size] == text
 
 

@@ -68,8 +68,8 @@ Pose = tuple[float, float, float, float, float, float, float]
 class Held(Struct, eq=False):
     """A frame, its static pose if it is static, and its samples, oldest first.
 
-    `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` are those of the
-    samples, None in it for one that was removed; it is None if all have the `parent` of the
+    `stamps_ns` (N,) int64 rise; `poses` (N, 7) are x y z qx qy qz qw. `parents` has each sample's
+    parent, None in it for one that was removed; it is None if all have the `parent` of the
     frame. They may differ up to `mixed_until_ns`. A static frame may hold samples from before it
     became static. `interruptions` say, by the stamp of a sample, why nothing is known from it to
     the next.

@@ -149,8 +149,8 @@ class GoalHandle:
 
 
 class GoalServer(NodeEndpoint):
-    """Calls `handler(handle)` once for each goal, on the node's thread or those of its callback
-    group, as `on_cancel` of its goals.
+    """Calls `handler(handle)` once for each goal, on the node's thread or its callback group's, as
+    `on_cancel` of its goals.
 
     The handler raises ServiceError to refuse a goal. Otherwise it returns soon, and any callback
     of the node ends the handle later; or it is an `async def`, or in a ReentrantCallbackGroup, and

@@ -110,8 +110,8 @@ class Lane:
 
 
 class Lanes:
-    """The threads of a node's callbacks: `own`, of those without a group, and at most `threads`
-    further ones, which all its groups share. Each starts when it is first needed.
+    """The threads of a node's callbacks: `own`, of callbacks without a group, and at most
+    `threads` further ones, which all its groups share. Each starts when it is first needed.
     """
 
     def __init__(self, name: str, log: logging.Logger, threads: int) -> None:

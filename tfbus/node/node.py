@@ -52,17 +52,17 @@ class Node:
 
     All callbacks (topics, services, actions, timers, parameters) run one at a time on its own
     thread: they need no locks, and there is nothing to spin. A callback that waits, for
-    a lookup or a service, holds up the others, also those that send what it waits for. So let it be
-    an `async def`, or give it a `callback_group`, whose callbacks run on further threads, at most
-    `callback_threads` at once.
+    a lookup or a service, holds up the others, also a callback that sends the transform that it
+    waits for. So let it be an `async def`, or give it a `callback_group`, whose callbacks run on
+    further threads, at most `callback_threads` at once.
 
     Ctrl-C ends the `spin()` or `wait()` that the main thread is in, and the script goes on;
     elsewhere in the main thread it raises KeyboardInterrupt, which the node's `with` ends quietly.
     SIGTERM ends all later waits too. In a notebook or at Python's prompt Ctrl-C raises
     KeyboardInterrupt from any call. The node works until it is closed.
 
-    `log` is its `logging.Logger`. With `sim_time` in its settings its time, and the seconds of
-    timers, `wait` and lookups, are those of the topic `clock`.
+    `log` is its `logging.Logger`. With `sim_time` in its settings the topic `clock` gives its time,
+    and the seconds of timers, `wait` and lookups.
 
     `settings`, or `name`, `namespace`, `parameters` and the environment, say how to join the bus. A
     client waits for its router for at most `patience_s`. Raises BusError if it cannot join.
@@ -106,7 +106,7 @@ class Node:
         self._is_ready = False
         self._parameters_are_typed_in = False
         self._signals = StopSignals()
-        # Those that listeners of this node fill, the first first.
+        # The buffers that listeners of this node fill, the first first.
         self.buffers: list[Buffer] = []
         try:
             check_id_is_free(settings, self.log, patience_s)
@@ -250,8 +250,8 @@ class Node:
         """Wait for `timeout_s` seconds (None: for ever), or until Ctrl-C or the node's shutdown.
 
         Returns whether the time has passed without these: `while node.wait(1.0):` is a loop that
-        Ctrl-C ends. `create_timer` keeps a rate. Seconds are those of the node's clock, unless
-        another is given.
+        Ctrl-C ends. `create_timer` keeps a rate. Seconds are the node's clock's, unless another is
+        given.
         """
         zenoh_library.check_not_forked()
         clock = clock or self.clock
@@ -304,7 +304,7 @@ class Node:
                 self._signals.wait(timeout_s, wakeup)
         return self.clock.is_running
 
-    # What it publishes, subscribes to and serves
+    # Its publishers, subscriptions and services
 
     @called_as("node.create_publisher(message_type, topic), without QoS: retained=True, or nothing")
     def create_publisher(
@@ -313,7 +313,7 @@ class Node:
         """A publisher of messages of this type, a dataclass.
 
         If it is `retained`, its last message is kept for as long as the node lives, for
-        subscriptions that are `retained` and begin later: what ROS calls transient local.
+        subscriptions that are `retained` and begin later: "transient local" in ROS.
         """
         check_message_type("create_publisher(message_type, topic)", message_type)
         topic = check_no_transforms(self._resolve(topic))
@@ -349,8 +349,8 @@ class Node:
         transform from the message's frame at its stamp, and until `tolerance_s` later too: a
         TransformStamped; of a scan or cloud whose points have times a TransformArray, one for each
         point. Nothing blocks meanwhile: at most `queue` messages wait, each for at most
-        `timeout_s`, and those of one frame are passed on in order. The subscription counts in
-        `drops` why others were dropped. The buffer is that of the node's TransformListener, unless
+        `timeout_s`, and messages of one frame are passed on in order. The subscription counts in
+        `drops` why others were dropped. The buffer is the node's TransformListener's, unless
         another is given. Raises ValueError without one, and for a bound out of range.
         """
         call = "create_subscription(message_type, topic, callback)"
@@ -419,7 +419,7 @@ class Node:
         others: bool = False,
     ) -> RawSubscription:
         """Call `callback(payload)` with the bytes of each message, of any type; `retained` as of
-        `create_subscription`. With `others` those of this node do not come.
+        `create_subscription`. With `others` messages of this node are left out.
 
         It runs on a thread of Zenoh's, before the next message is taken: return soon.
         """
@@ -510,8 +510,8 @@ class Node:
         `async def`.
 
         The rate does not drift; periods that a call or an `async def` takes longer than are left
-        out. Seconds are those of the node's clock, unless another is given. Raises ValueError for a
-        period of 0 or less.
+        out. Seconds are the node's clock's, unless another is given. Raises ValueError for a period
+        of 0 or less.
         """
         zenoh_library.check_not_forked()
         call = "create_timer(period_s, callback)"

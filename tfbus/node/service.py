@@ -32,8 +32,7 @@ def submit_or_refuse(lane: Lane, what: str, serve: Callable[[Query], Any], query
 
 
 class Service(NodeEndpoint):
-    """Answers requests by calling `handler(request)` on the node's thread, or those of its callback
-    group.
+    """Answers requests by calling `handler(request)` on the node's thread, or its callback group's.
 
     The handler returns a Response, or raises ServiceError to refuse: the caller gets its text. It
     may be an `async def`.
@@ -109,7 +108,7 @@ class Client(Caller):
     """Calls a service of another node.
 
     A callback may call it, and waits for the answer. If the service is one of the same node, the
-    two are to be in different callback groups: those of one group run one at a time.
+    two are to be in different callback groups: callbacks of one group run one at a time.
     """
 
     def __init__(self, session: Session, service_type: type[ServiceType], name: str):

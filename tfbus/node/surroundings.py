@@ -239,7 +239,7 @@ E = TypeVar("E", bound=NodeEndpoint)
 class NodeInfo:
     """A node's description, the fields of a NodeDescription, and its system's clock, on the bus.
 
-    `describers` add what the node itself does not know; what several return for a field is joined.
+    `describers` add facts that the node itself does not know; several values of a field are joined.
     """
 
     def __init__(
@@ -255,7 +255,7 @@ class NodeInfo:
         self._endpoints: dict[str, list[NodeEndpoint]] = {
             kind: [] for kind in ("publishes", "subscribes", "serves", "calls")
         }
-        # What the description was at the last query, and when it was noticed that it had changed.
+        # The description at the last query, and when it was noticed that it had changed.
         self._lasting, self._changed_s = b"", 0.0
         session.queryable(node_key(name), self._on_info_query)
         session.queryable(clock_key(name), self._on_clock_query)

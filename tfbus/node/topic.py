@@ -74,7 +74,7 @@ class RawSubscription(NodeEndpoint):
     """Calls `callback(payload)` for each message, on a thread of Zenoh's: return soon.
 
     For tools that measure, record or forward messages of any type. Messages of ROS 2 are skipped,
-    and with `others` those of the same node.
+    and with `others` messages of the same node.
     """
 
     def __init__(
@@ -97,8 +97,8 @@ class RawSubscription(NodeEndpoint):
 
 
 class Subscription(NodeEndpoint, Generic[M]):
-    """Calls `callback(message)` for each message of a topic, on the node's thread or those of its
-    callback group.
+    """Calls `callback(message)` for each message of a topic, on the node's thread or its callback
+    group's.
 
     A message of the wrong shape, or larger than the limit of topics, is dropped and counted in
     `rejected`; the first that is not one of ROS 2 is logged. If messages come faster than the
@@ -124,7 +124,7 @@ class Subscription(NodeEndpoint, Generic[M]):
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
         self._signals = signals
-        # Of those that iterate, while they wait.
+        # Of the threads that iterate, while they wait.
         self._wakes: dict[Callable[[], object], None] = {}
         self.received = 0
         self.dropped = 0
@@ -262,7 +262,7 @@ class Subscription(NodeEndpoint, Generic[M]):
 
     async def _deliver_async(self) -> None:
         # All of it runs on the node's thread. A message that finds too many others awaited stays
-        # pending, until one of those ends.
+        # pending, until one of them ends.
         if self._awaited == PENDING_MESSAGES or (message := self._next()) is None:
             return
         self._awaited += 1

@@ -31,23 +31,23 @@ Transforms = TransformStamped | TransformBatch | Iterable[TransformStamped]
 
 
 class TransformBroadcaster:
-    """Sends dynamic transforms: those that change with time.
+    """Sends dynamic transforms, which change with time.
 
     All broadcasters of a node send in the stream with the node's name, unless they name another
-    `stream`; those of one must have the same options. With `split`, each frame is a message on its
-    own key. Of two publishers of one frame, listeners with `conflicts="priority"` accept the higher
-    `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept for listeners
-    that query them.
+    `stream`; broadcasters of one stream must have the same options. With `split`, each frame is a
+    message on its own key. Of two publishers of one frame, listeners with `conflicts="priority"`
+    accept the higher `priority`. Messages of the last `history_s` seconds, at most 16 MiB, are kept
+    for listeners that query them.
 
     `poses` is how precise transforms are as others receive them, and how many bytes each takes; by
-    default it is that of the node's settings. "float64" is exact, with names in each message.
+    default the node's settings say it. "float64" is exact, with names in each message.
     "float32" takes 28 bytes: translations are within 6e-8 of their distance from where the frame
     was first, rotations within 1e-5 degrees. "compact" takes 18 bytes at most, and 6 if the frame
     only turns: translations are within 0.1 mm, and rotations within 0.01 degrees. A transform that
     does not fit, as more than 214 km from the first of its frame, is sent as float64.
 
-    When the stamps of a frame go back by more than 1 s, all listeners forget what the stream sent
-    before, except its static transforms.
+    When the stamps of a frame go back by more than 1 s, all listeners forget the stream's samples
+    so far; static transforms stay.
 
     Raises InvalidArgumentException if `history_s`, `priority` or `poses` is invalid, or if the
     stream already has other options.
@@ -150,9 +150,9 @@ class TransformBroadcaster:
 
 
 class StaticTransformBroadcaster:
-    """Sends static transforms: those that hold at all times.
+    """Sends static transforms, which hold at all times.
 
-    They are added to the static transforms of the stream, or replace those of the same child
+    They are added to the static transforms of the stream, or replace the one of the same child
     frame. As long as the node lives they reach listeners that join later too.
     """
 

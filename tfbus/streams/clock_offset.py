@@ -44,7 +44,7 @@ class ClockOffset(NamedTuple):
 
 
 def measured(asked_ns: int, received_ns: int, answered_ns: int, back_ns: int) -> ClockOffset:
-    """The offset by four times: the first and the last by our clock, those between by the other.
+    """The offset by four times: the first and the last by our clock, the others by the other clock.
 
     The formula is NTP's (RFC 5905, section 8).
     """

@@ -64,7 +64,7 @@ class Claimant(Struct):
 
 
 class Resolution(NamedTuple):
-    """The frames of a stream that are accepted, and those that are rejected."""
+    """The accepted and the rejected frames of a stream."""
 
     accepted: set[str]
     rejected: set[str]
@@ -93,7 +93,7 @@ class _Answers:
     threads at once.
 
     The frames of all questions of a stream count until one of them changes: messages of its former
-    questions may still be under way. Where they are too many, the next change concerns all streams.
+    questions may still be under way. If they are too many, the next change concerns all streams.
     """
 
     def __init__(self) -> None:
@@ -173,7 +173,7 @@ class Claims:
         self._displaced: dict[str, str] = {}
         self._reported: set[frozenset[str]] = set()
         self._answers = _Answers()
-        # The streams of which the last update has changed what `of_others` says.
+        # The streams for which the last update has changed the answer of `of_others`.
         self.outdated: set[str] = set()
 
     def update(self, stream: str, description: StreamDescription | None) -> set[str]:
@@ -231,7 +231,7 @@ class Claims:
         answer = self._answers.last(stream)
         if answer is not None and answer.children is children and answer.of_others is not None:
             return answer.of_others
-        # Before the look at the claims: what changes from then on ends the answer.
+        # Before the look at the claims: a change from then on ends the answer.
         answer = self._answers.begin(stream, children)
         claims = [(child, self._claims.get(child, ())) for child in children]
         of_others = frozenset(child for child, by in claims if len(by) > (stream in by))
@@ -239,7 +239,7 @@ class Claims:
         return of_others
 
     def resolutions(self, stream: str, contested: Iterable[str]) -> dict[str, Resolution]:
-        """What may have changed over `contested`, what `update` of `stream` returned, by stream."""
+        """The possible changes, by stream, over the frames that `update` of `stream` returned."""
         resolutions: dict[str, Resolution] = {stream: Resolution(set(contested), set())}
         for child in sorted(contested):
             claims = self._claims.get(child, {})
@@ -288,8 +288,8 @@ class Starts:
 
     A stream that says that it was started long before this listener first met it, while the
     listener was there to meet it, may say so to win: it counts as started when it was met. So it
-    does if its clock is wrong. Of those met within 5 s of each other, as after a cut link, the
-    order is that of their word. `clock_ns` is the system's clock.
+    does if its clock is wrong. Streams met within 5 s of each other, as after a cut link, keep the
+    order of their word. `clock_ns` is the system's clock.
     """
 
     def __init__(self, clock_ns: Callable[[], int] = lambda: scheduler.time_ns()) -> None:
@@ -371,17 +371,17 @@ class Conflicts:
             each.statics.apply(taken - left if each.name == name else taken)
 
     def _known(self, names: Iterable[str]) -> "list[StreamReception]":
-        """The receptions of the streams of these names, without those that have been forgotten."""
+        """The receptions of the streams of these names, without forgotten streams."""
         receptions = map(self._reception, names)
         return [reception for reception in receptions if reception is not None]
 
     def _revoke_permits(self, senders: set[str]) -> None:
-        """What these streams have under way was judged by what others listed before."""
+        """Judge the rows that these streams have under way again: other streams list other frames."""
         for reception in self._known(sorted(senders)):
             reception.revoke_permit()
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
-        """Take the frames that a stream lists from those that do not list them."""
+        """Take the frames that a stream lists from streams that do not list them."""
         senders = self._buffer.senders_of(frames)
         for stream in self._known([name]):
             for sender in self._known(sorted(senders.keys() - {name})):

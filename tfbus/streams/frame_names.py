@@ -1,4 +1,4 @@
-"""The frames of each stream: their names here, and those that its publishers may send.
+"""The frames of each stream: their names here, and the frames that its publishers may send.
 
 Zenoh's access control lets a stream come only from an identity that may have a stream of its name.
 Which frames are in a message, and which node a description names, only the receiver sees.
@@ -93,8 +93,8 @@ class StreamRights:
     def checked(
         self, key: str, description: StreamDescription
     ) -> tuple[StreamDescription | None, str]:
-        """The description without what its stream may not have, and why; None if its node is
-        not one of those who may publish it.
+        """The description without frames that its stream may not have, and why; None if its node
+        may not publish it.
         """
         namespace, stream = self._namespace_at(key), self._stream(key)
         if not self._rights.may_be_of(description.node, stream, namespace):

@@ -1,4 +1,4 @@
-"""Streams as values: what their tokens and descriptions show, what was counted, and the report."""
+"""Streams as values: their state by tokens and descriptions, and the report with its counts."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tfbus.wire.numbered import FLOAT64
 if TYPE_CHECKING:
     from tfbus.streams.reception import StreamReception
 
-# Streams come and go: at most this many of those that are gone are remembered.
+# Streams come and go: at most this many gone streams are remembered.
 MOST_GONE = 1000
 
 
@@ -50,7 +50,7 @@ class StreamInfo(Struct):
     `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
     stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.
     `alive` is whether its publisher is there, and `silent` whether its link is lost, on a network
-    on which it is not gone at once. `epoch_ns` is that of its messages.
+    on which it is not gone at once. `epoch_ns` is the epoch of its messages.
 
     `messages`, `transforms` and `bytes` were received. `missed` messages were sent and never came;
     `outdated` ones were of a former epoch; `disputed` ones of an epoch that the stream's publisher
@@ -63,7 +63,7 @@ class StreamInfo(Struct):
     the publisher's clock is ahead of ours. `last_delay_s` is the delay of the last message, not
     smoothed; `kept_delay_s` is how old the newest was that the stream had kept, when that came. All
     five are None while they are not known. `origin` are the gids of the publishers in ROS whose
-    transforms a bridge sends in it. `namespace` is that of its publisher, below the listener's: the
+    transforms a bridge sends in it. `namespace` is its publisher's, below the listener's: the
     robot of a fleet. `poses` is how precise its dynamic transforms are, "float64", "float32" or
     "compact"; `unnamed` messages had frames whose numbers had not been described when they came:
     they are read again when they are.
@@ -101,7 +101,7 @@ class StreamInfo(Struct):
 
 
 def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
-    """The report of a stream, from its token, its description, and what has been received."""
+    """The report of a stream, from its token, its description, and its counts."""
     info = StreamInfo(name)
     if state is not None:
         info = replace(

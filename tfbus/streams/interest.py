@@ -1,8 +1,8 @@
 """Which streams a listener subscribes to; all by default.
 
-With an interest it subscribes to those that the lookups of its buffer need, by what all streams say
-of their frames. A thread of its own subscribes and unsubscribes: lookups, and Zenoh's threads, only
-leave it a note.
+With an interest it subscribes to the streams that the lookups of its buffer need, by the lists of
+frames of all streams. A thread of its own subscribes and unsubscribes: lookups, and Zenoh's
+threads, only leave it a note.
 """
 
 import logging
@@ -30,7 +30,7 @@ from tfbus.wire.keys import (
     transforms_key_beside,
 )
 
-# Streams come and go: at most this many of those that are gone are remembered.
+# Streams come and go: at most this many gone streams are remembered.
 _MOST_GONE = 1000
 
 # Target frame, source frame.
@@ -127,7 +127,7 @@ class DescribedTree:
     def edges_needed(self, pairs: Iterable[Pair]) -> list[DescribedEdge]:
         """The edges that lookups between the pairs of frames are made of, each once.
 
-        They are those above the target and the source, up to the lowest frame that is above both,
+        They lie above the target and the source, up to the lowest frame that is above both,
         or to the roots if nothing joins them. If streams disagree about the parent of a
         frame, only their transforms show which one counts: then all ways up are needed.
         """
@@ -179,7 +179,7 @@ class DescribedTree:
         return ways
 
     def _edges_above(self, frame: str) -> list[DescribedEdge]:
-        """The edges above a frame; those of gone streams only if no other has it."""
+        """The edges above a frame; edges of gone streams only if no other stream has it."""
         edges = list(self._above.get(frame, {}).values())
         if not edges:
             parent = self._parent_elsewhere(frame)
@@ -212,19 +212,21 @@ _log = library_log(__name__)
 Subscribe = Callable[[str, str, bool], Declaration]
 # A key is no longer read, and its frames would only grow old: stream, key, frames.
 Forget = Callable[[str, str, set[str]], object]
-# The streams in these namespaces, and those of any that list one of these frames, may be needed,
-# and no others.
+# The streams in these namespaces, and the streams of any that list one of these frames, may be
+# needed, and no others.
 Want = Callable[[Set[str], Set[str]], object]
 
 
 class Reading(Protocol):
-    """Decides what a listener subscribes to."""
+    """Decides which streams a listener subscribes to."""
 
     def need(self, target: str, source: str) -> None:
-        """Read what lookups of this pair need, from now until the end."""
+        """Read the streams that lookups of this pair need, from now until the end."""
 
     def find(self, fleet: Fleet, want: Want) -> None:
-        """Call `want` with the robots of a fleet that may have what is read, if that is not all."""
+        """Call `want` with the robots of a fleet that may have the needed frames, unless all are
+        read.
+        """
 
     def update(self, state: StreamState, names: FrameNames | None) -> None:
         """Take the frames that a stream lists now, none if it is not known; `names` is how they are
@@ -239,7 +241,7 @@ class Reading(Protocol):
 
 
 class Everything:
-    """Reads all streams of a namespace; `everywhere` also those of the namespaces below it."""
+    """Reads all streams of a namespace; `everywhere` also of the namespaces below it."""
 
     def __init__(self, subscribe: Subscribe, *, everywhere: bool = False) -> None:
         dynamic, static = (
@@ -247,7 +249,7 @@ class Everything:
             if everywhere
             else (ALL_TRANSFORMS, ALL_STATIC_TRANSFORMS)
         )
-        # On a link that is too narrow all that is asked for later comes after the dynamic ones.
+        # On a link that is too narrow all streams that are asked for later come after dynamic ones.
         self._declarations = [subscribe("", static, True), subscribe("", dynamic, False)]
 
     def need(self, target: str, source: str) -> None:
@@ -281,8 +283,9 @@ class _Subscription(Struct, frozen=False):
 
 
 class Interest:
-    """Reads what lookups of a buffer need, and leaves it when they have not been repeated for
-    `kept_s` seconds of the clock. `subscribe` and `forget` are called on a thread of its own.
+    """Reads the streams that lookups of a buffer need, and leaves them when the lookups have not
+    been repeated for `kept_s` seconds of the clock. `subscribe` and `forget` are called on a thread
+    of its own.
     """
 
     def __init__(
@@ -306,7 +309,7 @@ class Interest:
         self._tree = DescribedTree(self._parent_here)
         self._needed: dict[Pair, None] = {}
         self._asked: dict[Pair, _Question] = {}
-        # The frames whose edges decide what is needed. Of a fleet most streams describe others.
+        # The frames whose edges are decisive. Of a fleet most streams describe others.
         self._decisive: set[str] = set()
         self._subscriptions: dict[str, _Subscription] = {}
         self._fleet: Fleet | None = None
@@ -334,14 +337,14 @@ class Interest:
             subscription.declaration.close()
 
     def need(self, target: str, source: str) -> None:
-        """Read what lookups of this pair need, from now until the end."""
+        """Read the streams that lookups of this pair need, from now until the end."""
         with self._lock:
             self._needed[target, source] = None
         self._changed.set()
 
     def find(self, fleet: Fleet, want: Want) -> None:
-        """Call `want` with the robots of a fleet whose streams may have what lookups need, whenever
-        these change.
+        """Call `want` with the robots of a fleet whose streams lookups may need, whenever these
+        change.
         """
         self._fleet, self._want = fleet, want
         self._changed.set()
@@ -441,7 +444,7 @@ class Interest:
             self._changed.clear()
 
     def _forget_questions(self, now: float) -> None:
-        """Forget lookups that were not repeated, and have the buffer report those that wait."""
+        """Forget lookups that were not repeated, and have the buffer report waiting ones."""
         with self._lock:
             self._asked = {
                 pair: question
@@ -451,7 +454,7 @@ class Interest:
         self._buffer.ask_again()
 
     def _follow(self, now: float) -> bool:
-        """Subscribe to what is needed, and leave what is not; whether all that succeeded."""
+        """Subscribe to the needed keys, and leave the others; whether all that succeeded."""
         with self._lock:
             pairs = [*self._needed, *self._asked]
             self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})

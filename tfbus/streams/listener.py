@@ -47,7 +47,7 @@ from tfbus.wire.codec import is_of_ros
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import is_foreign, static_transforms_key_beside, stream_of
 
-# What a listener reads.
+# Whether a listener reads all streams, or the ones that lookups need.
 Reads = Literal["everything", "needed"]
 
 
@@ -83,7 +83,7 @@ class TransformListener:
     Raises InvalidArgumentException for any other value of an argument.
     """
 
-    # Whether it takes what its own session sends.
+    # Whether it takes its own session's transforms.
     _hears_itself = True
 
     @called_as("TransformListener(buffer, node)")
@@ -201,9 +201,9 @@ class TransformListener:
         return {"buffers": [described]}
 
     def need(self, target_frame: str, source_frame: str) -> None:
-        """Read what lookups of these frames need, from now until the listener is closed.
+        """Read the streams that lookups of these frames need, until the listener is closed.
 
-        So the first lookup need not wait, and the streams are kept where lookups pause for long.
+        So the first lookup need not wait, and the streams are kept when lookups pause for long.
         Raises InvalidArgumentException if a name is no frame id.
         """
         self._reading.need(check_frame_id(target_frame), check_frame_id(source_frame))
@@ -236,7 +236,7 @@ class TransformListener:
 
     @property
     def foreign(self) -> int:
-        """How many messages of others, such as ROS 2, came between those of streams."""
+        """The number of messages of others, such as ROS 2, at the keys of streams."""
         return self._foreign
 
     def streams(self) -> list[StreamInfo]:
@@ -308,7 +308,7 @@ class TransformListener:
             self._give_up(each)
 
     def _on_forgotten(self, name: str) -> None:
-        """The stream is long gone, and so is what it sent."""
+        """The stream is long gone: remove its transforms."""
         self._budget.forget(name)
         self.buffer.remove_sent(self.buffer.sent_by(name), name)
 
@@ -474,7 +474,7 @@ class TransformListener:
             )
 
     def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:
-        """Request what messages do not say of a stream one of whose keys is read."""
+        """Request the clock's offset and kept transforms of a stream, one of whose keys is read."""
         description = state.description
         if not state.alive or state.silent or description is None:
             return

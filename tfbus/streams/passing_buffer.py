@@ -1,4 +1,4 @@
-"""A buffer of a listener that sends on to another bus what it takes."""
+"""A buffer of a listener that sends the transforms that it stores on to another bus."""
 
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -12,10 +12,10 @@ from tfbus.geometry.transform import TransformStamped
 
 
 class PassingBuffer(Buffer):
-    """A buffer that passes on what it takes: `on_rows(rows, static, stream)`.
+    """A buffer that passes on the rows that it stores: `on_rows(rows, static, stream)`.
 
-    So another bus gets what a listener accepts: of the right epoch and publisher, and with the
-    names that a fleet gives. `leaves_out(stream)` is whether a stream is not wanted.
+    So another bus gets the rows that a listener accepts: of the right epoch and publisher, and with
+    the names that a fleet gives. `leaves_out(stream)` is whether a stream is not wanted.
     """
 
     def __init__(

@@ -4,7 +4,7 @@ If many peers meet at once, the declaration of a queryable may be lost for good
 (eclipse-zenoh/zenoh#2516): no query reaches it by that link, also none of Zenoh's own. So each
 thing that a stream retains has two queryables, and queries alternate between them.
 
-Zenoh sends retained messages to those who join, and requests lost ones again. But where many peers
+Zenoh sends retained messages to peers that join, and requests lost ones again. But if many peers
 meet at once, its request may precede the route to the publisher, or the publisher's queryable may
 be lost for good: then no answer comes, and nothing is sent again until something changes. A static
 transform is sent once, so here the descriptions of streams are the check.
@@ -117,7 +117,7 @@ def _ask_beside(
     )
 
 
-# Of many streams some may not answer; those are asked one by one afterwards.
+# Of many streams some may not answer; they are asked one by one afterwards.
 _ALL_WITHIN_S = 1.0
 
 
@@ -140,7 +140,7 @@ _STATICS = "static transforms"
 class StaticRecovery:
     """Requests the static transforms that streams lack from their publishers.
 
-    It asks, and looks at what has come, on the executor's thread: one thing at a time, and never
+    It asks, and looks at the answers, on the executor's thread: one thing at a time, and never
     in a callback of Zenoh, which may hold locks.
     """
 
@@ -216,7 +216,7 @@ _HISTORY_PAUSES = Pauses((0.1, 0.4, 1.0))
 _GOING_ON_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0))
 
 # The first page is small: it takes about a round trip. One after a page that took hardly longer has
-# twice as many bytes, one after a page that took much longer half as many: what is sent now waits
+# twice as many bytes, one after a page that took much longer half as many: messages sent now wait
 # for no more, as a link sends one thing after the other.
 _FIRST_PAGE = 4_000
 _LEAST_PAGE, _LARGEST_PAGE = 1_000, 1_000_000
@@ -397,10 +397,10 @@ class AskPages:
 # Lookups of the past wait at most this long for a stream's history.
 _EXPECTED_WITHIN_S = 5.0
 
-# What was sent last before a link went silent may not have come: so much more is asked for.
+# The last messages before a link went silent may not have come: so much more is asked for.
 _OVERLAP_S = 3.0
 
-# Keys come from the bus: of at most as many it is known what is missing.
+# Keys come from the bus: the missing times of at most as many are kept.
 _MOST_MISSING = 10_000
 
 
@@ -426,8 +426,8 @@ class _Missing(Struct, frozen=False):
 class AskedHistory:
     """Requests the last `history_s` seconds of streams, by pages; if that is 0 it does nothing.
 
-    Of a stream that was lost and is back it requests what is missing: what came of the former
-    questions stays, and so does what came by itself until the link was silent.
+    Of a stream that was lost and is back it requests the missing times: former answers stay, and so
+    do messages that came by themselves until the link was silent.
 
     The first message of a stream often comes before its description, and so before the question.
     Lookups with a timeout wait for its past from that message until the question is answered.
@@ -479,8 +479,8 @@ class AskedHistory:
             self._stop_expecting(stream, expected)
 
     def leave(self, keys: Iterable[str], stream: str, silent_s: float | None = None) -> None:
-        """Have the keys asked for again when the stream is back, or is read again: for all, or for
-        what is missing, if what came stays and none came for the last `silent_s` seconds.
+        """Have the keys asked for again when the stream is back, or is read again: for all; or for
+        the missing times, if the transforms stay and none came for the last `silent_s` seconds.
         """
         for key in keys:
             asking = self._asked.pop(key, None)
@@ -505,7 +505,7 @@ class AskedHistory:
             missing.append(_Missing(scheduler.monotonic() - silent_s - _OVERLAP_S))
 
     def ask(self, key: str, stream: StreamReception) -> None:
-        """Ask for what was sent on a key, unless that was done."""
+        """Ask for the earlier messages of a key, unless that was done."""
         if not self._history_s or key in self._asked:
             return
         self._streams.add(stream.name)
@@ -542,7 +542,7 @@ class AskedHistory:
             self._end_question(stream.name, expected)
             if self._asked.get(key) is not asking:
                 return
-            # Also what a publisher does not answer for: it has sent nothing, or does not know.
+            # Also a time that no publisher answers for: it has sent nothing, or does not know.
             del missing[:1]
             self._asked[key] = None
             if missing and not self._closed:

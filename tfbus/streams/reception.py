@@ -1,9 +1,9 @@
 """Receiving one stream: payloads go into the buffer, through five stages.
 
 A message is admitted by its epoch (`Admission`); rows are left out to which its publishers have no
-right (`FrameRights`), and those of frames that others have (`Contest`); the rest goes into the
+right (`FrameRights`), and rows of frames that others have (`Contest`); the rest goes into the
 buffer (`Insertion`), and marks its frames (`Marks`). Rows are dropped before they are stored, and
-nothing is undone: where something changes meanwhile, the buffer refuses the rows (`StreamFacts`),
+nothing is undone: if something changes meanwhile, the buffer refuses the rows (`StreamFacts`),
 and the message begins again.
 """
 
@@ -209,7 +209,7 @@ class StreamReception:
             listed(self.rights.patterns if self.rights else ()) or "nothing",
         )
 
-    # What the stream says of itself, and its token
+    # The stream's description, and its token
 
     def take_description(self, description: StreamDescription, *, confirmed: bool = False) -> None:
         """Take the description of the stream, as `describe`."""
@@ -293,7 +293,7 @@ class StreamReception:
             self.marks.invalidate()
 
     def fall_silent(self) -> None:
-        """The publisher is out of reach: what it sends once may change meanwhile."""
+        """The publisher is out of reach: its static set may change meanwhile."""
         with self.facts.lock:
             self.facts.static_set.expire()
 

@@ -1,7 +1,7 @@
 """The streams that a listener knows: the receivers of their keys, their memory, and checks by
 messages of tokens and lists.
 
-The sizes are estimates: what the parts of a stream were measured to take.
+The sizes are estimates, from measured bytes of the parts of a stream.
 """
 
 from collections.abc import Callable, Container, Iterable
@@ -15,8 +15,8 @@ from tfbus.streams.reception import DynamicReception, StaticReception, StreamRec
 from tfbus.streams.watch import StreamWatch
 from tfbus.wire.keys import STATIC_TRANSFORMS, stream_of, transforms_key_beside
 
-# What the session of one process publishes may take as much, and all streams together. Streams that
-# do not say whose they are count as those of one process.
+# The most bytes of all streams of one process's session, and of all streams. Streams that do not
+# say whose they are count as one process's.
 MOST_BYTES_A_PEER = 256 * 2**20
 MOST_BYTES = 1024 * 2**20
 
@@ -113,8 +113,8 @@ class KnownStream(Struct, frozen=False):
 
     `state` is the last of its token and description, with frames as they are called here; None
     before the first. `lost_s` is when its publisher was gone, None while it is not. `split_keys`
-    are the keys of the frames that a split stream lists. `read_keys` are those that are subscribed
-    to one by one, `keys` those that messages came on. `met_ns` is when it was met.
+    are the keys of the frames that a split stream lists. `read_keys` are subscribed to one by one;
+    messages came on `keys`. `met_ns` is when it was met.
     """
 
     reception: StreamReception
@@ -193,7 +193,7 @@ class Registry:
             stream.keys.discard(key)
 
     def forget(self, name: str) -> KnownStream | None:
-        """Forget a stream and its keys; what was known of it, None for nothing."""
+        """Forget a stream and its keys; its last state, None for an unknown stream."""
         stream = self._streams.pop(name, None)
         if stream is not None:
             for key in list(stream.keys):
@@ -249,7 +249,7 @@ SILENT_S = 2.0
 class UnlistedFrames:
     """Frames of streams that do not list them, and when each was last sent; safe from any thread.
 
-    `drop(stream, frames)` is called on the executor's thread for those that are silent.
+    `drop(stream, frames)` is called on the executor's thread for silent frames.
     """
 
     def __init__(self, executor: Executor, drop: Callable[[str, frozenset[str]], object]) -> None:
@@ -284,8 +284,8 @@ class UnlistedFrames:
         self._drop(stream, silent)
 
 
-# A stream that sends for so long after its token was lost is not gone. What is under way when a
-# process is killed comes before that.
+# A stream that sends for so long after its token was lost is not gone. Messages that are under way
+# when a process is killed come before that.
 _SENDS_FOR_S = 2.0
 
 # A stream that was brought back so is looked at as often, and gone when nothing has come since.

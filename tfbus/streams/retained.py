@@ -75,7 +75,7 @@ class FrameAnnouncer:
         """Add edges that the stream is about to send.
 
         Raises InvalidArgumentException if a frame name is invalid, or parent and child are the
-        same: no buffer would take them. Raises what `check_right(child)` raises.
+        same: no buffer would take them. Raises as `check_right(child)`.
         """
         with self._lock:
             if edges.items() <= self._edges.items():
@@ -171,7 +171,7 @@ Entry = tuple[str | None, bytes]
 # At most this much memory a stream, whatever its seconds are.
 MOST_BYTES = 16 * 2**20
 
-# What Python's objects of a message take, besides its payload.
+# The bytes of Python's objects of a message, besides its payload.
 _OVERHEAD_BYTES = 200
 
 
@@ -218,8 +218,8 @@ class SentHistory:
         return list(self.span(last_s).entries)
 
     def span(self, last_s: float, place: str = "") -> "HistorySpan":
-        """The entries of the last `last_s` seconds, or those that are left from a place that a
-        span of this history has named.
+        """The entries of the last `last_s` seconds, or the entries that are left from a place that
+        a span of this history has named.
         """
         start, end = self._within(place)
         if start is None:
@@ -243,7 +243,7 @@ class SentHistory:
         return min(max(int(start), self._first), newest), min(int(end), newest)
 
     def clear(self) -> None:
-        """Keep nothing of what was sent so far."""
+        """Drop all entries."""
         self._first += len(self._messages)
         self._messages.clear()
         self._bytes = 0
@@ -287,7 +287,7 @@ Span = Callable[[float, str], HistorySpan]
 
 
 def answer_from_history(query: Query, stream_key: str, span: Span) -> None:
-    """Answer a query for what a stream has kept: `span(last_s, place)` as of `SentHistory`.
+    """Answer a query for the kept messages of a stream: `span(last_s, place)` as of `SentHistory`.
 
     A query that names the size of a page is answered by one, at `stream_key` or, if that is not
     within its key, there; any other by each message at its own key.

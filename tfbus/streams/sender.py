@@ -228,10 +228,10 @@ class StreamKeys(Protocol):
         """Forget the key of this frame."""
 
     def close(self) -> None:
-        """End what it has declared. Twice is fine."""
+        """End its declarations. Twice is fine."""
 
 
-# What a message takes besides its rows, and each row beside the names of its frames.
+# The bytes of a message besides its rows, and of each row beside the names of its frames.
 _HEAD_BYTES = 100
 _ROW_BYTES = EDGE_SIZE + STAMP_SIZE + POSE_SIZE
 
@@ -294,7 +294,7 @@ class OneKey:
         """It has no key of its own."""
 
     def close(self) -> None:
-        """End what it has declared. Twice is fine."""
+        """End its declarations. Twice is fine."""
         self._key.publisher.close()
 
 
@@ -335,7 +335,7 @@ class KeyPerFrame:
         self._keys.pop(child, None)
 
     def close(self) -> None:
-        """End what it has declared. Twice is fine."""
+        """End its declarations. Twice is fine."""
         self._publishers.close()
 
     def _key(self, child: str) -> StreamKey:
@@ -453,7 +453,7 @@ class NewestStamps:
         return row
 
 
-# What sends have in common is cached for tables of at most this many edges in all.
+# The common parts of sends are cached for tables of at most this many edges in all.
 _MOST_EDGES = 50_000
 
 # New numbers are described after this time.
@@ -603,7 +603,7 @@ class TransformSender:
         self._newest.advance_one(single.stamp_row, stamp_ns)
 
     def _send_first(self, frames: tuple[str, ...], columns: Columns) -> None:
-        """Send one transform, and remember what the next ones of its frames have in common."""
+        """Send one transform, and keep the parts that the next ones of its frames share."""
         table = self._send(columns)
         if _AS_ON_THE_WIRE:
             self._singles[frames[1]] = _Single(

@@ -58,10 +58,10 @@ class Marks:
     def update(self) -> None:
         """Mark each frame in the buffer.
 
-        All are gone if the publisher is. Else those are that a former epoch left behind: not
-        listed, and without a sample of this epoch. Before this epoch has a list, those that were
-        gone stay so until they are sent: all of them where nothing of this epoch has come since the
-        publisher was gone, as the one that is there may be another.
+        All are gone if the publisher is. Else the frames are that a former epoch left behind: not
+        listed, and without a sample of this epoch. Before this epoch has a list, gone frames stay
+        gone until they are sent: all of them if nothing of this epoch has come since the publisher
+        was gone, as the publisher that is there may be another.
         """
         marked = -1
         # It may change meanwhile, on another thread, whose marks must not be overwritten.
@@ -210,7 +210,7 @@ class Admission:
             facts.static_set.accept_any()
 
     def _restart(self, epoch_ns: int, verdict: Verdict) -> None:
-        """Drop what was sent before the epoch that has begun."""
+        """Drop the samples from before the epoch that has begun."""
         facts, is_takeover = self._facts, verdict is Verdict.TAKEOVER
         if is_takeover:
             self._warn_of_two()
@@ -262,10 +262,9 @@ _MOST_NAMES = 10_000
 
 class FrameRights:
     """The second stage of a stream's reception, on a closed bus: drops rows of frames that its
-    publishers may not have, which are those of other names than these patterns.
+    publishers may not have, whose names match none of the patterns.
 
-    Frames are called here with `prefix` in front. `refuse(frame)` is called for each that may not
-    come.
+    Frames are called here with `prefix` in front. `refuse(frame)` is called for each refused frame.
     """
 
     def __init__(
@@ -300,7 +299,7 @@ class FrameRights:
         return True
 
 
-# A publisher lists a frame a moment after it sends it: what is dropped until then is not logged.
+# A publisher lists a frame a moment after it sends it: rows dropped until then are not logged.
 _LISTED_WITHIN_S = 1.0
 
 # Rows whose frames need not be judged again, in all messages of a stream.
@@ -337,7 +336,7 @@ class Contest:
         self._listing = facts.listing
         self._around = around
         self._now_s = now_s
-        # What was found of the frames of its messages, mostly the same from one to the next.
+        # The judgements of its messages' frames, mostly the same from one to the next.
         self._judged = FoundOfRows(_MOST_JUDGED_ROWS)
         # By frame the stream that it is taken from with the next message that has it.
         self._inherits: dict[str, str] = {}
@@ -350,7 +349,7 @@ class Contest:
         return self._judged.count
 
     def uncontested(self, rows: Columns, epoch_ns: int, static: bool) -> Columns:
-        """The rows of frames that the stream may have, by what others list now."""
+        """The rows of frames that the stream may have, by the lists of other streams now."""
         listing = self._listing
         judged: _Judged | None = self._judged.get(rows)
         if (
@@ -369,7 +368,7 @@ class Contest:
         return rows
 
     def exclude(self, resolution: Resolution) -> bool:
-        """Accept frames from now on, and drop those that are rejected; whether that is new."""
+        """Accept some frames from now on, and drop rejected ones; whether that is new."""
         former = self.excluded
         excluded = (former - resolution.accepted) | resolution.rejected
         if excluded == former:
@@ -377,19 +376,19 @@ class Contest:
         with self._facts.lock:
             self.excluded = excluded
             self._facts.revoke_permit()
-        # Its earlier samples lie between those of the other publisher, or in their future.
+        # Its earlier samples lie between the other publisher's samples, or in their future.
         self._facts.buffer.forget(self._facts.name, excluded - former)
         return True
 
     def inherit(self, frames: Collection[str], sender: str) -> None:
-        """Take these frames, which it lists, from a stream that does not: what that has sent of one
-        is dropped when this one sends it, so that none is missing meanwhile.
+        """Take these frames, which it lists, from a stream that does not: the other's samples of a
+        frame are dropped when this stream sends it, so that none is missing meanwhile.
         """
         self._inherits.update(dict.fromkeys(frames, sender))
 
     def _judge(self, rows: Columns) -> tuple[Columns, _Judged]:
-        """The rows that may come, and what holds for all rows like these until the stream lists
-        other frames, or another one gets priority.
+        """The rows that may come, and the judgement of all rows like these until the stream lists
+        other frames, or another stream gets priority.
         """
         listed, excluded = self._facts.listing.children, self.excluded
         judged = _Judged(listed, excluded, rows.children() - listed)
@@ -505,7 +504,7 @@ class StaticRetries:
         self.clear()
 
     def _between(self, parent: str, child: str) -> list[str]:
-        """The frames from a refused parent up to the child; those of an edge that is in, too."""
+        """The frames from a refused parent up to the child; of a stored edge, too."""
         with suppress(TransformException):
             return self._buffer.path(child, parent)[:-1]
         return []
@@ -530,6 +529,6 @@ class StaticRetries:
             with self._lock:
                 if change.frame not in self._blocking:
                     return
-                # Until it is known again what is in the way: the retry makes changes itself.
+                # Until the frames in the way are known again: the retry makes changes itself.
                 self._in_the_way, self._blocking = {}, frozenset()
             self._retry()

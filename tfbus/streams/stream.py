@@ -50,8 +50,8 @@ _ONLY_STATIC = StreamOptions(history_s=0.0)
 class Stream:
     """Publishes the dynamic and static transforms of one stream; safe from any thread.
 
-    Its first epoch is the one given. A new one begins where its stamps go back by more than 1 s:
-    listeners then forget what was sent before, except static transforms.
+    Its first epoch is the one given. A new one begins when its stamps go back by more than 1 s:
+    listeners then forget its earlier samples, except static transforms.
     """
 
     def __init__(
@@ -97,7 +97,7 @@ class Stream:
             executor,
             partial(session.settings.check_right, "frames"),
         )
-        # Where Zenoh's own recovery of what is retained fails, listeners query this key.
+        # If Zenoh's own recovery of the retained set fails, listeners query this key.
         self._queryable = session.queryable(self._static_key, self._on_static_query, long=True)
         self._token = session.token(stream_key(name))
         self._origin = origin
@@ -159,7 +159,7 @@ class Stream:
             return self._sender
 
     def send_static(self, transforms: Iterable[TransformStamped]) -> None:
-        """Add static transforms to the stream, or replace those of the same child frame.
+        """Add static transforms to the stream; one of the same child frame is replaced.
 
         The whole set is sent, and retained for listeners that join later. Raises
         InvalidArgumentException if a frame name is invalid, or parent and child are the same.

@@ -1,7 +1,7 @@
 """The state of one stream that the stages of its reception share, and the listener around it.
 
 A publisher puts its epoch into each message: when it started, or when its clock went back. The
-newest epoch counts. Late messages of a dead process end soon; those of a second live one go on.
+newest epoch counts. Late messages of a dead process end soon; a second live one's go on.
 
 Any peer can put any number into a message. So once the session that publishes the stream has
 confirmed its epoch, by a description that came from it, another epoch counts only when a
@@ -24,7 +24,7 @@ from tfbus.geometry.columns import Columns
 from tfbus.streams.info import StreamInfo
 from tfbus.wire.transforms import TransformMessage
 
-# Late messages of a dead process come within a moment: those closer together are counted once.
+# Late messages of a dead process come within a moment: messages closer together count once.
 _APART_S = 0.35
 # About 1 s of frequent messages, or four periods of rare ones.
 _ALONE = 4
@@ -42,7 +42,7 @@ MOST_PENDING_BYTES = 4 * 2**20
 _OVERHEAD_BYTES = 300
 
 Receive = Callable[[bytes], None]
-# A stream, the epoch of a message of it, who receives that, its bytes, and what it waits for.
+# A stream, the epoch of a message of it, its receiver, its bytes, and `OF_EPOCH` or `OF_NAMES`.
 _Pending = tuple[str, int, Receive, bytes, str]
 
 # The description that a message waits for.
@@ -113,7 +113,7 @@ class Epochs:
             self.was_gone &= self.gone
             return Verdict.PRESENT
         is_first = self.present_ns is None
-        # What counted before may have been made up, unless it was confirmed too.
+        # The former newest epoch may have been made up, unless it was confirmed too.
         self._newest_ns = self._newest_confirmed_ns
         self._begin(epoch_ns)
         return Verdict.FIRST if is_first else Verdict.RESTART
@@ -371,7 +371,7 @@ def _is_before(seq: int | None, other: int | None) -> bool:
 # The weight of one message in the mean delay.
 _SMOOTHING = 0.1
 
-# What is counted of the messages of a stream.
+# The names of a stream's counts.
 _COUNTED = tuple(
     each.name
     for each in fields_of(StreamInfo)[9:]
@@ -380,8 +380,8 @@ _COUNTED = tuple(
 
 
 class StreamCounts:
-    """The counts of one stream, under the names that they have in `StreamInfo`, which says what
-    they are.
+    """The counts of one stream, under the names that they have in `StreamInfo`, which explains
+    them.
 
     Not safe by itself: hold the stream's lock to change it. Any thread may read it.
     """
@@ -435,17 +435,16 @@ class StreamCounts:
 
 
 def lines_of(log: logging.Logger) -> LogOnce:
-    """The log for what streams do again and again."""
+    """The log for repeated events of streams."""
     return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
 
 
 class ReceptionHooks:
     """A listener as the receptions of its streams see it; by itself it does nothing.
 
-    `once` logs what is wrong with a stream whose publisher has confirmed it, `once_of_unconfirmed`
-    what is wrong with others: any process can make up their names, and so fill its log. `lines` is
-    for what happens again. `pending` are the messages of all streams whose epochs are not
-    confirmed.
+    `once` logs faults of a stream whose publisher has confirmed it, `once_of_unconfirmed` faults of
+    others: any process can make up their names, and so fill its log. `lines` is for repeated
+    events. `pending` are the messages of all streams whose epochs are not confirmed.
     """
 
     def __init__(self, log: logging.Logger) -> None:
@@ -456,7 +455,7 @@ class ReceptionHooks:
 
     def claimed_by_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
         """The frames among these, which the stream sends and does not list, that others list.
-        Where that changes, the stream's `revoke_permit` is called.
+        When that changes, the stream's `revoke_permit` is called.
         """
         return frozenset()
 
@@ -493,9 +492,9 @@ class StreamFacts:
     """The state of one stream that the stages of its reception share.
 
     The lock guards it, and is never held while the buffer is filled: callbacks for changes of the
-    buffer may do anything. What was found of rows in between may no longer be true when they are
+    buffer may do anything. A judgement of rows in between may no longer be true when they are
     stored. So they are stored with the `permit` of before, which is taken back by each change that
-    forbids rows: what is under way is in the buffer by then, or comes through all stages again.
+    forbids rows: rows under way are in the buffer by then, or come through all stages again.
     """
 
     def __init__(
@@ -513,7 +512,7 @@ class StreamFacts:
         self._around = around
 
     def revoke_permit(self) -> None:
-        """Store no rows that were judged by what was known before; with the lock held."""
+        """Store no rows that were judged before this; with the lock held."""
         former, self.permit = self.permit, Permit()
         former.is_valid = False
 

@@ -53,7 +53,7 @@ _OWNER_RECHECKS_APART_S = 4.0
 # that has been asked for five times gives way, and waits again.
 _MOST_ASKED = 200
 _TURNS = 5
-# Tokens beyond this number of questions are those of a fleet: they are gathered for this
+# Tokens beyond this number of questions belong to a fleet: they are gathered for this
 # time and asked about by one question for all streams, of which the answers so far are then taken.
 _FEW_ASKED = 20
 _GATHERED_FOR_S = 0.1
@@ -84,10 +84,10 @@ class StreamWatch:
 
     Any peer can send a description at any key. Once the session that a description names has sent
     it, only that session changes it, or another session by a description of its own with a later
-    epoch: a second process that publishes the stream. Where the first shows then that it is there,
+    epoch: a second process that publishes the stream. If the first shows then that it is there,
     by messages that go on and by its answer, no other session takes the stream over as long as it
-    answers; neither does one with a later epoch in the future. What others send at the key is
-    `rejected`. While both answer, the watch asks every few seconds which of them are left: no
+    answers; neither does one with a later epoch in the future. Descriptions by others at the key
+    are `rejected`. While both answer, the watch asks every few seconds which of them are left: no
     token shows that one of them has ended.
 
     With `only_wanted`, descriptions are asked for, and changes reported, only of the streams that
@@ -130,8 +130,8 @@ class StreamWatch:
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
         self._to_ask: dict[str, None] = {}
-        # Those that wait for the next question for all streams, and those that the open one is
-        # about, with the descriptions of before; None for no question.
+        # The keys that wait for the next question for all streams, and the keys of the open
+        # question, with the descriptions of before; None for no question.
         self._gathered: dict[str, None] = {}
         self._asked_together: dict[str, StreamDescription | None] | None = None
         # The questions about disputed epochs, by their stream's key.
@@ -158,7 +158,7 @@ class StreamWatch:
         self._tokens = session.watch_living(key, self._on_token)
 
     def streams(self) -> dict[str, StreamState]:
-        """All streams by their names, the last thousand of those that are gone among them."""
+        """All streams by their names, the last thousand gone ones among them."""
         return dict(self._states)
 
     def want(self, namespaces: Set[str], frames: Set[str]) -> None:
@@ -249,7 +249,7 @@ class StreamWatch:
             self._do(self._read_next)
 
     def _read_next(self) -> None:
-        """Read one description: what comes meanwhile, such as a token, waits only for this one."""
+        """Read one description: a token that comes meanwhile waits only for this one."""
         received = self._received.dequeue()
         if received is None:
             return
@@ -425,7 +425,7 @@ class StreamWatch:
         is_own = bool(sender) and sender == description.session
         if former.owner and not is_own:
             self._reject(former.name, "it is not from the session that publishes the stream")
-            # Unless it is: one that cannot sign what it sends signs its answers.
+            # Unless it is: a session that cannot sign its messages signs its answers.
             self._ask_for_epoch(former.name, description.epoch)
             return
         held, displaced = former.held and sender == former.owner, former.displaced
@@ -591,8 +591,8 @@ class StreamWatch:
             self._executor.after(_GATHERED_FOR_S, self._ask_together)
 
     def _ask_together(self) -> None:
-        """Ask for the descriptions of all that were gathered, then one by one for those that did
-        not come. An answer counts for a token that was there before the question.
+        """Ask for the descriptions of all gathered tokens, then one by one for missing ones. An
+        answer counts for a token that was there before the question.
         """
         if self._closed or self._asked_together is not None or not self._gathered:
             return

@@ -2,12 +2,12 @@
 
 A field is an int, float, bool, str, bytes, another dataclass, a list or a dict by str of one of
 these, or a tuple with a type for each item; Any is taken as it comes. An array of numpy that a type
-says (`messages.fields.ArrayOf`) is one binary. An int may stand for a float,
+declares (`messages.fields.ArrayOf`) is one binary. An int may stand for a float,
 and 0 and 1 for false and true; numbers, booleans and texts of numpy, and arrays of these, are sent
 as Python's own. Nothing else is converted.
 
-The fields are those of ROS, but for a `header`, which is `stamp_ns` and `frame_id` here; names that
-fields had before are read as well. A payload is read only if it has at most a million values.
+The fields are as in ROS, but for a `header`, which is `stamp_ns` and `frame_id` here; former names
+of fields are read as well. A payload is read only if it has at most a million values.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,7 +28,7 @@ _LAST_CDR = 0x0B
 M = TypeVar("M")
 Reader = Callable[[object, str], Any]
 
-# Classes of most fields, which need no look at what they hold.
+# Classes of most fields, which need no look at their contents.
 _AS_THEY_ARE = frozenset((float, int, str, bytes, bool))
 
 
@@ -617,7 +617,7 @@ HARMLESS_SIZE = 64 * 1024
 
 def unpacked(data: bytes, *, strict_map_key: bool = True) -> Any:
     """The value in the bytes. Messages have no extensions: a time of msgpack's is taken as its
-    nanoseconds. Raises what msgpack does, and ValueError for other extensions.
+    nanoseconds. Raises msgpack's errors, and ValueError for other extensions.
     """
     return msgpack.unpackb(
         data, strict_map_key=strict_map_key, timestamp=_AS_NANOSECONDS, ext_hook=_refuse_extension
@@ -673,8 +673,8 @@ def too_many_items(
     *,
     binaries: list[tuple[int, int, int]] | None = None,
 ) -> str:
-    """Why the payload is not read, as a sentence; "" if it has at most `most` values. `binaries`
-    gets what it gets of `values_in`, if the payload is larger than 64 KiB.
+    """Why the payload is not read, as a sentence; "" if it has at most `most` values. `values_in`
+    fills `binaries`, if the payload is larger than 64 KiB.
 
     Binary data and text are one value, however long. Bytes that are no msgpack are not found here.
     """

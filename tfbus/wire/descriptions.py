@@ -99,14 +99,14 @@ class FilterDescription(Struct):
 
 
 class NodeDescription(Struct):
-    """A node: who, where, since when (ns since the Unix epoch), and its interfaces.
+    """A node: its name, host, start (ns since the Unix epoch), and interfaces.
 
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
-    `unread` are those of its `streams` with dynamic transforms that no process subscribes to, and
-    `retained` those of the topics that it publishes whose last message reaches late subscribers.
+    `unread` are the `streams` with dynamic transforms that no process subscribes to, and
+    `retained` the topics of `publishes` whose last message reaches late subscribers.
     `delays` are its callbacks that held up others, and `filters` its subscriptions whose messages
     wait for transforms. All names come as they can be printed. On a
-    closed bus `identity` is that of the node, and `rights` a digest of the rights that it enforces.
+    closed bus `identity` is the node's, and `rights` a digest of the rights that it enforces.
     """
 
     name: str
@@ -150,7 +150,7 @@ _LONGEST_TEXT = 1000
 
 
 def _make_printable(description: object, *fields: str) -> None:
-    """Replace what a screen must not get in these fields: texts, or tuples and maps of texts."""
+    """Escape characters that a screen must not get in these fields: texts, tuples or maps of texts."""
     for name in fields:
         object.__setattr__(description, name, _printable(getattr(description, name)))
 
@@ -259,8 +259,8 @@ class FramesAsked(Struct):
 
 
 def read_description(payload: bytes) -> tuple[StreamDescription, str]:
-    """The description of a stream in a payload, and what is wrong with the first of the frames that
-    it leaves out, since no frame can have its name; "" if all are there.
+    """The description of a stream in a payload, and the mistake in the name of the first frame that
+    it leaves out, since no frame can have that name; "" if all are there.
 
     Raises DecodeError if it cannot be read, or the name of its node, host or session cannot be
     shown.

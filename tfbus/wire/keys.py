@@ -1,4 +1,4 @@
-"""Keys on the bus: which key carries what, and which names are valid.
+"""Keys on the bus, their contents, and the names that are valid in them.
 
 The name of a stream, node or parameter is one chunk of a key; characters that mean something to
 Zenoh are percent-escaped there. Topics, services and actions are paths of chunks. The namespace is
@@ -27,7 +27,7 @@ ALL_KEEPERS_EVERYWHERE = f"**/{ALL_KEEPERS}"
 
 CLOCK_TOPIC = "clock"
 
-# How many chunks say what a key is for, by the first of them.
+# The number of chunks that say the kind of a key, by the first of them.
 _CHUNKS_OF_KIND = {"@tfbus": 2, TRANSFORMS: 1, STATIC_TRANSFORMS: 1}
 
 # How many chunks follow in keys of transforms: the stream, and a frame of a split one.
@@ -103,7 +103,7 @@ def kept_transforms_selector(key: str, last_s: float) -> str:
 
 
 def page_selector(selector: str, most_bytes: int, place: str = "") -> str:
-    """The selector of a page of what another one asks for: from a place on that the page before has
+    """The selector of a page of another selector's answer: from a place on that the page before has
     named, or the first.
     """
     begins = f";from={place}" if place else ""
@@ -131,13 +131,13 @@ def clock_key(node: str) -> str:
 
 
 def kept_key(node: str) -> str:
-    """The key of a recorder's token if it serves what it keeps, and of its answers."""
+    """The key of a recorder's token if it serves its kept messages, and of its answers."""
     return f"@tfbus/kept/{escape(node)}"
 
 
 def kept_selector(key: str, from_s: float, until_s: float) -> str:
-    """The selector of what a recorder keeps at its `kept_key`: all that it recorded from `from_s`
-    to `until_s` seconds ago.
+    """The selector of a recorder's kept messages at its `kept_key`: all that it recorded from
+    `from_s` to `until_s` seconds ago.
     """
     return f"{key}?last_s={from_s:.3f};until_s={until_s:.3f}"
 
@@ -181,7 +181,7 @@ def is_foreign(key: str) -> bool:
     tfbus's.
 
     ROS 2 has such keys: `robot7/tf` (zenoh-bridge-ros2dds), and by rmw_zenoh
-    `0/robot7/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_...`. Skip what comes there without a word.
+    `0/robot7/tf/tf2_msgs::msg::dds_::TFMessage_/RIHS01_...`. Skip their messages without a word.
     """
     chunks = key.split("/")
     for at, chunk in enumerate(chunks):
@@ -207,7 +207,7 @@ def namespace_of(key: str) -> str:
 
 
 def _split(key: str) -> tuple[list[str], list[str]]:
-    """The chunks before and after those that say what a stream's key is for."""
+    """The chunks before and after the chunks that say the kind of a stream's key."""
     chunks = key.split("/")
     for at, chunk in enumerate(chunks):
         if chunk in _CHUNKS_OF_KIND:

@@ -16,7 +16,7 @@ _SIZE = r"(\d{1,12})\s*(|B|kB|MB|GB)"
 # Zenoh counts message sizes in 32 bits.
 _MOST = 2_000_000_000
 
-# The chunks of a key, below a namespace, that say what it is for.
+# The chunks of a key, below a namespace, that say its kind.
 _KIND_OF_CHUNK = {
     TRANSFORMS: "transforms",
     STATIC_TRANSFORMS: "transforms",
@@ -32,8 +32,8 @@ _KIND_CHUNK = re.compile(r"(?:^|/)(tf|tf_static|@tfbus/[a-z]+)(?:/|$)")
 class Limits(Struct):
     """The largest payload of each kind of message that a process reads, in bytes.
 
-    `transforms` are dynamic and static ones (16 MB are 190,000 of them), `description` what streams
-    and nodes say of themselves, `parameter` a parameter's value, `topic` a message of a topic,
+    `transforms` are dynamic and static ones (16 MB are 190,000 of them), `description` a stream's
+    or node's description, `parameter` a parameter's value, `topic` a message of a topic,
     `service` a request, response, goal or feedback, `clock` an answer about a host's clock. Raises
     SettingsError for a size that is not from 1 to 2 GB.
     """

@@ -2,9 +2,9 @@
 """Frames by their numbers, and poses in fewer bytes, as messages of version 2 have them.
 
 A stream gives each pair of parent and child a number, which nothing else has in its epoch, and says
-it in its description, with an origin: the pose that the frame had first. A pose is sent as what is
-different from its origin, so that the joint of a robot is a rotation alone, and a robot that is far
-from where its map begins needs no more bytes than any other.
+it in its description, with an origin: the pose that the frame had first. A pose is sent as the
+difference from its origin, so that the joint of a robot is a rotation alone, and a robot that is
+far from where its map begins needs no more bytes than any other.
 
 Compiled if there is a C compiler (`numbered.pxd` has the C types).
 """
@@ -54,7 +54,7 @@ _NAN = float("nan")
 MOST_ROWS = 300_000
 
 # The rows of messages that are alike are kept as long as they take about as much as the numbers of
-# their stream: what they take in memory, beside the bytes of their runs, and what they may take.
+# their stream: their bytes in memory, beside the bytes of their runs, and the most that they take.
 _BYTES_OF_KIND, _BYTES_OF_ROW = 500, 120
 _MOST_BYTES, _MOST_BYTES_A_NUMBER = 64 * 1024, 1000
 
@@ -143,7 +143,7 @@ class FrameNumbers:
         self, runs: bytes, numbers: Sequence[int], epoch_ns: int, size: int
     ) -> NumberedRows | None:
         """The rows of a message of an epoch, of `size` bytes; `numbers` has for each run the first,
-        and how many there are. None if they cannot be those of a message.
+        and how many there are. None if no message can have them.
         """
         if len(numbers) % 2 or min(numbers, default=0) < 0 or sum(numbers[1::2]) > MOST_ROWS:
             return None
@@ -303,7 +303,7 @@ def _pack_whole(room: MutableSequence[int], at: int, pose: Pose) -> int:
 
 def _pack_short(room: MutableSequence[int], at: int, pose: Pose, origin: Pose) -> int:
     x, y, z = pose[0] - origin[0], pose[1] - origin[1], pose[2] - origin[2]
-    # Also False for what is no number.
+    # Also False for NaN.
     if not (
         abs(x) <= _LARGEST_SHORT
         and abs(y) <= _LARGEST_SHORT
@@ -325,7 +325,7 @@ def _pack_compact(room: MutableSequence[int], at: int, pose: Pose, origin: Pose)
     x, y, z = pose[0] - origin[0], pose[1] - origin[1], pose[2] - origin[2]
     farthest = max(abs(x), abs(y), abs(z))
     error = _norm_error(pose)
-    # Also False for what is no number; of several numbers and such a one, max may give either.
+    # Also False for NaN; of several numbers and NaN, max may give either.
     if not (
         farthest <= _FARTHEST_M
         and x == x
@@ -415,7 +415,7 @@ def _unpack(
     b = ((bits >> 17 & 32767) - _MIDDLE) / _STEPS_A_UNIT
     c = ((bits >> 32 & 32767) - _MIDDLE) / _STEPS_A_UNIT
     square = 1.0 - a * a - b * b - c * c
-    # No rotation has such bits: the buffer refuses what is no number.
+    # No rotation has such bits: the buffer refuses NaN.
     largest = math.sqrt(square) if square >= 0.0 else _NAN
     place = bits & 3
     at = 3

@@ -1,4 +1,4 @@
-"""Pages of kept messages: answers to a query for what was sent before, one part at a time."""
+"""Pages of kept messages: answers to a query for earlier messages, one part at a time."""
 
 import math
 import zlib

@@ -42,7 +42,7 @@ _LARGEST = 2**63 - 1
 # The keys of a message, as they have been seen.
 _V, _EPOCH, _SEQ, _STAMPS, _POSES = 1, 2, 4, 8, 16
 _FRAMES, _EDGES, _RUNS, _FORMS = 32, 64, 128, 256
-# Those that it needs, and those that it may have; if its frames have numbers, too.
+# The keys that it needs, and the ones that it may have; if its frames have numbers, too.
 _NEEDED, _ALLOWED = 123, 127
 _NEEDED_NUMBERED, _ALLOWED_NUMBERED = 411, 415
 
@@ -272,7 +272,7 @@ def _scan_numbered(payload: bytes, numbers: FrameNumbers) -> TransformMessage | 
             return None
     if cursor.failed or cursor.at != cursor.end or seen & _NEEDED_NUMBERED != _NEEDED_NUMBERED:
         return None
-    # Only where they were found before: what a message may hold is looked at once.
+    # Only if they were found before: the limits of a message are checked once.
     rows = numbers.get(runs) if epoch_ns == numbers.epoch_ns else None
     if rows is None:
         return None

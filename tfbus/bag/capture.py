@@ -53,11 +53,11 @@ _MOST_TOPICS = 10_000
 
 
 class Capture:
-    """Puts what a selection takes into a queue, from its construction until `close()`.
+    """Puts the selected messages and events into a queue, from its construction until `close()`.
 
-    It takes the streams, nodes and topics of the node's namespace, with `everywhere` also those of
-    all namespaces below. Streams and nodes become events as they come, change and go. Topics are
-    those that nodes publish or receive, and those that the selection names.
+    It takes the streams, nodes and topics of the node's namespace, with `everywhere` also of
+    all namespaces below. Streams and nodes become events as they come, change and go. It takes all
+    topics that nodes publish or receive, or that the selection names.
     `on_stream(state)` is called after each change of a stream that is taken, and
     `on_lost(name, is_here)` for the full name of a stream or node that is gone, and whether its
     host has the name of this one.
@@ -203,7 +203,7 @@ class Capture:
 
     def _on_static(self, key: str, payload: bytes) -> None:
         source = self.source(key, static=True)
-        # What is retained comes again when a link is back.
+        # A retained set comes again when a link is back.
         if source is None:
             return
         digest = blake2b(payload, digest_size=16).digest()

@@ -1,4 +1,4 @@
-"""Fills the gaps of a recording from recorders elsewhere that keep what they record."""
+"""Fills the gaps of a recording from recorders elsewhere that serve their kept messages."""
 
 import logging
 import socket
@@ -31,12 +31,12 @@ from tfbus.wire.keys import (
 )
 from tfbus.wire.pages import KeptMessage, Page
 
-# A link is silent for this time, or less, before it is known to be lost; what came meanwhile all
-# the same is left out.
+# A link is silent for this time, or less, before it is known to be lost; messages that came
+# meanwhile all the same are left out.
 _BEFORE_NS = 30_000_000_000
 
-# The processes of a robot have their links back one after the other, within this time. What they
-# send last has to be on the disk there before it is asked for.
+# The processes of a robot have their links back one after the other, within this time. Their last
+# messages have to be on the disk there before they are asked for.
 _OVERLAP_NS = 6_000_000_000
 _AFTER_S = 8.0
 
@@ -81,7 +81,7 @@ class _Gap:
 
     @property
     def noticed_ns(self) -> int:
-        """Before what was lost with the link was noticed."""
+        """A log time before the loss of the link's streams was noticed."""
         return max(self.from_ns, self.lost_ns - _NOTICED_WITHIN_NS)
 
     @property
@@ -92,7 +92,7 @@ class _Gap:
 
 
 class _Keeper:
-    """A recorder elsewhere that serves what it keeps."""
+    """A recorder elsewhere that serves its kept messages."""
 
     def __init__(self, key: str, name: str) -> None:
         self.key = key
@@ -125,8 +125,8 @@ class _Keeper:
         return True
 
     def has(self, name: str, is_here: bool) -> bool:
-        """Whether a stream or node is in its namespace, or below; of one without a namespace those
-        of another host.
+        """Whether a stream or node is in its namespace, or below; a recorder without a namespace
+        has all that are of another host.
         """
         if self._prefix == "/":
             return not is_here
@@ -134,9 +134,9 @@ class _Keeper:
 
 
 class Filling:
-    """Watches the recorders that serve what they keep: once one was out of reach and is back, or
-    messages of a stream are missing for a second or more, what it recorded meanwhile is written,
-    page by page, behind what is sent now. Until `close()`.
+    """Watches the recorders that serve their kept messages: once one was out of reach and is back,
+    or messages of a stream are missing for a second or more, its messages of that time are written,
+    page by page, behind new ones. Until `close()`.
     """
 
     def __init__(
@@ -157,7 +157,7 @@ class Filling:
         self._once = LogOnce(log)
         self._executor = Executor("filling", log)
         self._turns = PagesInTurn(self._executor, most=4)
-        # By what is in front of their keys: a namespace needs one.
+        # By the prefix of their keys: a namespace needs one recorder.
         self._keepers: dict[str, _Keeper] = {}
         # When streams and nodes were lost, their full names, and whether they may be of this host.
         self._lost: deque[tuple[int, str, bool]] = deque(maxlen=_MOST_LOST)
@@ -394,7 +394,7 @@ class Filling:
         self._note_received()
 
     def _raws(self, messages: Sequence[KeptMessage], gap: _Gap) -> list[Raw]:
-        """The messages of a page as a recorder takes them, without those that it does not."""
+        """The messages of a page that the recorder takes, as it takes them."""
         lost = {name for lost_ns, name, _ in self._lost if lost_ns >= gap.noticed_ns}
         found = []
         for message in messages:

@@ -27,7 +27,7 @@ ENDING = ".mcap"
 # Of recordings in other formats; any other text after a point is a part of the name.
 _OF_OTHERS = (".db3", ".bag", ".sqlite3")
 
-# What is left free on a disk: the end of a file, its summary, needs room too.
+# The room left free on a disk: the end of a file, its summary, needs some too.
 _LEFT_FREE_BYTES = 16_000_000
 _LEFT_FREE_PART = 1 / 10
 
@@ -48,7 +48,7 @@ class WrittenPart:
 
 
 class DiskFullError(OSError):
-    """The disk is nearly full: nothing further is written, so that what is written is whole."""
+    """The disk is nearly full: nothing further is written, so that the files so far are whole."""
 
 
 def default_name() -> str:
@@ -106,7 +106,7 @@ def existing_parts(first: Path) -> list[Path]:
     return sorted(each for each in folder.glob(f"*{ENDING}") if part.fullmatch(each.name))
 
 
-# What is kept is in so many files, besides the one that grows.
+# The number of kept files, besides the one that grows.
 _KEPT_PARTS = 8
 _KEPT_WHOLE = _KEPT_PARTS / (_KEPT_PARTS + 1)
 
@@ -131,8 +131,8 @@ class Keep:
 class PartsWritten:
     """Writes a recording, one file after the other; for one thread.
 
-    `open_writer(path)` opens a file. `paths` are all files, `written` those that have ended. With
-    `most_files` the oldest are deleted, and with `keep` those beyond it, first those of `older`
+    `open_writer(path)` opens a file. `paths` are all files, `written` the ended ones. With
+    `most_files` the oldest are deleted, and with `keep` the files beyond it, first files of `older`
     recordings, the oldest first. Raises OSError, and DiskFullError before a disk is full.
     """
 
@@ -182,7 +182,7 @@ class PartsWritten:
         return max(0, usage.free - int(min(_LEFT_FREE_BYTES, usage.total * _LEFT_FREE_PART)))
 
     def open(self, items: Iterable[Item] = (), refuse: Refuse = lambda item, error: None) -> Path:
-        """Open the next file, that begins with these items; its path. Those that it cannot hold go
+        """Open the next file, that begins with these items; its path. Items that it cannot hold go
         to `refuse`.
         """
         self.close()
@@ -254,9 +254,7 @@ class PartsWritten:
         return self._writer.data_of(item)
 
     def write_late(self, items: Iterable[Item]) -> list[InvalidArgumentException]:
-        """Write items of a time before the last one; the errors of those that cannot be
-        expressed.
-        """
+        """Write items of a time before the last one; the errors of items that the file cannot hold."""
         assert self._writer is not None
         self._synced = False
         return list(self._writer.write_late(items))
@@ -279,7 +277,7 @@ class PartsWritten:
         if len(self.older) + len(self.paths) < 2 or not sizes:
             return False
         if keep.last_s is not None:
-            # No file is longer than this: what lies beyond it is time without a recorder.
+            # No file is longer than this: the rest is time without a recorder.
             longest_s = keep.last_s / _KEPT_PARTS
             between = itertools.pairwise(ended_s)
             recorded_s = sum(min(max(end - begin, 0.0), longest_s) for begin, end in between)
@@ -297,7 +295,7 @@ class PartsWritten:
 
 
 def _sync(path: Path) -> None:
-    """Have what the system holds of a file, or folder, written to the disk."""
+    """Have the system's buffers of a file, or folder, written to the disk."""
     file = os.open(path, os.O_RDONLY)
     try:
         os.fsync(file)
@@ -308,11 +306,11 @@ def _sync(path: Path) -> None:
 # Keys come from the bus: of at most as many the next number is known.
 _MOST_KEYS = 200_000
 
-# Of the missing numbers at most as many are known, those that may still come late.
+# Of the missing numbers that may still come late at most as many are known.
 _MOST_LATE = 1_000
 
 
-# Messages that are missing for longer are those of an outage; single ones are lost on some networks
+# Messages that are missing for longer were lost in an outage; single ones are lost on some networks
 # all the time.
 _OUTAGE_NS = 1_000_000_000
 
@@ -373,9 +371,9 @@ class MissedMessages:
 _KNOWN_NS = 60_000_000_000
 _MOST_KNOWN = 1_000_000
 
-# What has come twice has log times that differ by less: of two recorders, and by the link.
+# Log times of a message that came twice differ by less: of two recorders, and by the link.
 _SAME_WITHIN_NS = 5_000_000_000
-# Messages without a stamp are equal to those before and after them.
+# Messages without a stamp are equal to the ones before and after them.
 _SAME_AGAIN_WITHIN_NS = 500_000_000
 
 
@@ -390,8 +388,8 @@ class Fill:
 
 
 class Received:
-    """Which messages have come by themselves: of those that come again, later, and from who has
-    kept them, only the others are written.
+    """The messages that have come by themselves: of kept messages that come later from another
+    recorder only the missing ones are written.
 
     While `is_held` none is forgotten for its age; of more than a million the oldest are.
     """
@@ -445,11 +443,11 @@ class RecordingCounts:
     """Counts of recorded and lost messages.
 
     `transforms` are the dynamic ones, `statics` the static ones by stream and child frame. `topics`
-    and `streams` count messages by name, without those of static transforms, which repeat; `filled`
-    are those that came later, from who had kept them. `lost` counts messages by what became of
-    them: the kinds that the queue dropped, "unreadable", "refused" by the format of the file,
-    "missing": those of dynamic transforms that never came, and "history": those held from before
-    for which there was no room.
+    and `streams` count messages by name, without static transforms, which repeat; `filled` messages
+    came later, from a recorder that had kept them. `lost` counts messages by the cause of the loss:
+    the kinds that the queue dropped, "unreadable", "refused" by the format of the file, "missing"
+    ones of dynamic transforms, which never came, and "history", kept by publishers from before, for
+    which there was no room.
     """
 
     messages: int = 0
@@ -479,8 +477,8 @@ class RecordingCounts:
 
 
 class ItemWriter:
-    """Reads messages, and writes the selected part of each into files; counts them, and those that
-    cannot be read or written, of which it logs the first of each name.
+    """Reads messages, and writes the selected part of each into files; counts them, and the ones
+    that cannot be read or written, of which it logs the first of each name.
     """
 
     def __init__(self, parts: PartsWritten, selection: Selection, log: logging.Logger) -> None:
@@ -562,14 +560,14 @@ class InFiles:
         whole = self._items.read(raw)
         if whole is None:
             return None
-        # By their numbers, which those that are not selected have too.
+        # By their numbers, which messages that are not selected have too.
         self.missed.add(raw.source, whole)
         item = self._items.select(whole)
         if item is None:
             return None
         if self._is_full(raw.log_ns):
             self.split(raw.log_ns)
-        # What a file has refused the next one would refuse too.
+        # An item that a file has refused the next one would refuse too.
         if self._items.write(item):
             if raw.source.is_essential:
                 self._state.apply(item)
@@ -585,7 +583,7 @@ class InFiles:
         return Fill(state)
 
     def fill(self, raws: Iterable[Raw], fill: Fill, again_ns: int) -> list[Item]:
-        """Write messages of before that did not come then; those that were written. From the log
+        """Write messages of before that did not come then; returns the written items. From the log
         time `again_ns` on they may come again, of the next gap.
         """
         items: list[Item] = []
@@ -618,7 +616,7 @@ class InFiles:
         return False
 
     def split(self, log_ns: int) -> Path:
-        """Go on in a new file, which begins with what is in force."""
+        """Go on in a new file, which begins with the state in force."""
         self._began_ns = log_ns
         path = self._parts.open(self._state.items(log_ns), self._items.refuse)
         self._began_bytes = self._parts.part_bytes
@@ -628,7 +626,7 @@ class InFiles:
         if self._began_ns is None:
             self._began_ns = log_ns
         most_bytes, most_s = self._splits.most_bytes, self._splits.most_s
-        # What is in force alone may be larger than a file should be.
+        # The state in force alone may be larger than a file should be.
         if most_bytes and self._parts.part_bytes >= max(most_bytes, 2 * self._began_bytes):
             return True
         return most_s is not None and log_ns - self._began_ns >= most_s * 1e9
@@ -671,9 +669,7 @@ class LastSeconds:
         return raw.payload if isinstance(raw.payload, EventItem) else None
 
     def split(self, log_ns: int) -> Path:
-        """Write what is kept into a file, and begin again. Raises TfbusError if that is
-        nothing.
-        """
+        """Write the kept messages into a file, and begin again. Raises TfbusError without any."""
         if not self._kept:
             raise TfbusError("nothing has come since the last snapshot")
         path = self._parts.open(self._state.items(self._kept[0].log_ns), self._items.refuse)

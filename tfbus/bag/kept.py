@@ -21,13 +21,13 @@ from tfbus.wire.keys import escape, kept_key
 from tfbus.wire.pages import KeptMessage, Page, encode_page
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
-# In what such a recorder says of itself in its files: the next one goes on with them.
+# A key of such a recorder's metadata in its files: the next one goes on with them.
 KEPT = "kept"
 
 _LEAST_PAGE = 1_000
 _LARGEST_PAGE = 1_000_000
 
-# What has come is on the disk after this time; what comes later is not asked for.
+# Received messages are on the disk after this time; later ones are not asked for.
 _WRITTEN_AFTER_S = 1.5
 
 # The spans of so many files are known.
@@ -37,7 +37,7 @@ STREAM, NODE = "@tfbus/stream/", "@tfbus/node/"
 
 
 class Wanted(Struct):
-    """The part that is wanted of what is kept, as in `Selection`; of all by default."""
+    """The part of the kept messages that is wanted, as in `Selection`; all by default."""
 
     topics: tuple[str, ...] = ()
     streams: tuple[str, ...] = ()
@@ -64,7 +64,7 @@ def wanted_of(selection: Selection) -> bytes | None:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Let no other recorder keep its files in a folder: each would delete those of the other.
+    """Let no other recorder keep its files in a folder: each would delete the other's.
 
     Raises TfbusError if there is one.
     """
@@ -135,8 +135,8 @@ class KeptFiles:
             query.answer(self._key, encode_page(page._replace(now_ns=now_ns)))
 
     def page(self, begin_ns: int, end_ns: int, most_bytes: int, selection: Selection = ALL) -> Page:
-        """The first items between two log times: of at most so many bytes, or those of the first
-        log time.
+        """The first items between two log times: of at most so many bytes, or all of the first log
+        time.
         """
         taken: list[KeptMessage] = []
         size = 0
@@ -145,7 +145,7 @@ class KeptFiles:
                 continue
             kept = message_of(item)
             size += len(kept.payload)
-            # Those of one log time come together: the next page begins with a later one.
+            # Messages of one log time come together: the next page begins with a later one.
             if taken and size > most_bytes and item.log_ns > taken[-1].log_ns:
                 left_s = (end_ns - item.log_ns) / 1e9
                 return Page(taken, f"{item.log_ns}.{end_ns}", left_s)
@@ -158,13 +158,13 @@ class KeptFiles:
         for paths in self._in_turn(begin_ns, end_ns):
             with RecordingReader(*paths, on_damage=lambda part, damage: None) as reader:
                 for item in reader.items(begin_ns, end_ns, selection):
-                    # Each file begins with what is in force.
+                    # Each file begins with the state in force.
                     if not state.says(item):
                         state.apply(item)
                         yield item
 
     def _in_turn(self, begin_ns: int, end_ns: int) -> Iterator[list[Path]]:
-        """The files with items between two log times; together those whose spans overlap."""
+        """The files with items between two log times; together the files whose spans overlap."""
         found = [(span, path) for path in self._paths() if (span := self._span_of(path))]
         group: list[Path] = []
         until_ns = -1

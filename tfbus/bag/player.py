@@ -23,7 +23,7 @@ class Stage(Protocol):
     """The place that a recording is played to. All calls come from the thread of `Player.run`."""
 
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
-        """Playing begins at a moment with this state; `is_back` if it is earlier than what was
+        """Playing begins at a moment with this state; `is_back` if it is earlier than the messages
         played before.
         """
 
@@ -35,7 +35,7 @@ class Stage(Protocol):
 
 
 class Player(Playhead):
-    """Plays what a recording has of `selection` from `start_ns` to `end_ns`, log times in ns.
+    """Plays the `selection` of a recording from `start_ns` to `end_ns`, log times in ns.
 
     If it begins or is sought to, the last message so far on each of the topics `lasting` belongs
     to the state, as static transforms do: it holds until the next, as a simulated time does. The
@@ -98,7 +98,7 @@ class Player(Playhead):
     # Playing
 
     def run(self, stage: Stage) -> None:
-        """Play to the end, or until `stop`. Raises what reading the recording raises."""
+        """Play to the end, or until `stop`. Raises as reading the recording does."""
         at_ns, is_back = self.start_ns, False
         while True:
             state = items_of_state(
@@ -195,7 +195,7 @@ class Player(Playhead):
 
     def _is_due(self, log_ns: int) -> bool:
         if self._is_paused:
-            # What is left of the last step.
+            # The rest of the last step.
             return self._pace.log_ns >= log_ns
         late_ns = self.clock() - self._pace.real_at(log_ns)
         if late_ns > _MOST_LATE_NS:
@@ -240,7 +240,7 @@ _GIVES_WAY_S = 0.0002
 _AT_ONCE = 16
 _BYTES_AT_ONCE = 2**20
 
-# What Python's objects of an item take, about, and the columns of one transform.
+# The bytes of Python's objects of an item, about, and of the columns of one transform.
 _ITEM_BYTES = 1000
 _ROW_BYTES = 8 + 8 + 56
 
@@ -274,7 +274,7 @@ class ReadAhead:
 
     @property
     def is_at_end(self) -> bool:
-        """Whether all items were taken. Raises what reading them raised."""
+        """Whether all items were taken. Raises the error of reading them."""
         if self._ready or not self._is_read:
             return False
         if self._error is not None:

@@ -21,13 +21,13 @@ from tfbus.wire.numbered import FLOAT64, NO_NUMBERS
 from tfbus.wire.pages import Page
 from tfbus.wire.transforms import TransformMessage, TransformReader
 
-# What Python's objects of a message take, besides its payload.
+# The bytes of Python's objects of a message, besides its payload.
 OVERHEAD_BYTES = 200
 
-# What the objects of a description take, for a byte of its encoding.
+# The bytes of a description's objects for each byte of its encoding.
 _BYTES_OF_OBJECTS = 5
 
-# The thread that writes wakes at once where this much of the room is taken.
+# The thread that writes wakes at once if this much of the room is taken.
 _MUCH = 1 / 16
 
 
@@ -38,8 +38,8 @@ _CATCHES_UP_BY = 10
 class MessageSource(Protocol):
     """The kind of messages of one key, and how to read them.
 
-    `kind` is counted where messages are dropped: "transforms", "statics", "topics" or "events".
-    `is_essential` is what the messages after it are not understood without.
+    `kind` is counted if messages are dropped: "transforms", "statics", "topics" or "events".
+    An `is_essential` message is needed to understand the messages after it.
     """
 
     kind: str
@@ -53,8 +53,8 @@ class MessageSource(Protocol):
 
 
 class Raw(NamedTuple):
-    """A message as it came: when (ns since the Unix epoch), from what, and its bytes. That of an
-    event is the event.
+    """A message as it came: its log time (ns since the Unix epoch), source and bytes, or the event
+    itself.
     """
 
     log_ns: int
@@ -75,8 +75,8 @@ class RawQueue:
     """Takes messages from any thread, at most `most_bytes` of them; one thread takes them out.
 
     Beyond that a message is `dropped`, and counted by its kind. Essential ones have as much room
-    again. An item that was taken out counts until the next `take`, and what its taker holds then
-    longer.
+    again. A message that was taken out counts until the next `drain`, and longer if its taker still
+    holds it then.
 
     Log times never go back: if the system's clock is set back, they go on from the last one, by
     `set_back_ns` ahead of the clock, and a tenth more slowly until it has caught up.
@@ -139,7 +139,7 @@ class RawQueue:
     def drain(self, wait_s: float, held_bytes: int = 0) -> list[Raw]:
         """All that waits, in the order in which it came, after at most `wait_s` seconds.
 
-        `held_bytes` is the size of those taken before that are still to be written.
+        `held_bytes` is the size of messages taken before that are still to be written.
         """
         with self._lock:
             self._taken_bytes = held_bytes
@@ -169,7 +169,7 @@ class FullNames:
         return name[1:] if name.startswith("/") else f"{self._prefix}{name}"
 
     def namespace(self, below: str) -> str:
-        """The namespace of what is in the namespace `below` ours."""
+        """The full namespace of the namespace `below` ours."""
         return f"{self._prefix}{below}".rstrip("/")
 
 
@@ -195,7 +195,7 @@ class TransformSource:
         self._last: tuple[StreamDescription | None, RecordedStream] | None = None
         self._numbered_by: StreamDescription | None = None
         self._numbers = NO_NUMBERS
-        # What `is_described` has read already: a payload, by which description, and its message.
+        # The last message that `is_described` has read: payload, description and message.
         self._read_before: tuple[bytes, StreamDescription | None, TransformMessage] | None = None
 
     def is_described(self, payload: bytes) -> bool:
@@ -242,8 +242,8 @@ class TransformSource:
 
 
 class TopicSource:
-    """The messages of one topic; `types` has the type names of topics, and `codecs` those of ROS's
-    types among them. Retained ones stay in force, and so begin each file.
+    """The messages of one topic; `types` has the type names of topics, and `codecs` the codecs of
+    ROS's types among them. Retained ones stay in force, and so begin each file.
 
     `on_unfit(name)` is called for a message that is not of the type that its publisher says.
     """
@@ -303,17 +303,18 @@ EVENTS = EventSource()
 
 # Streams that are there already are met one after the other; after this time no longer.
 _QUIET_S = 0.7
-# What streams hold comes page by page; it is waited for as long as pages come, and no longer than
-# that: until then nothing is in the file.
+# The messages that streams hold come page by page; they are waited for as long as pages come, and
+# no longer than that: until then nothing is in the file.
 _NO_PAGE_S, _LONGEST_S = 6.0, 30.0
 
 SourceOf = Callable[[str], TransformSource | None]
 
 
 class Past:
-    """Asks the streams that are met first for what they hold, page by page, until `is_complete`.
+    """Asks the streams that are met first for their held messages, page by page, until
+    `is_complete`.
 
-    At most `most_bytes` of that are taken; `dropped` counts the messages beyond.
+    At most `most_bytes` of them are taken; `dropped` counts the messages beyond.
     """
 
     def __init__(self, session: Session, executor: Executor, most_bytes: int) -> None:
@@ -353,10 +354,10 @@ class Past:
         return is_quiet or now_s - self._began_s > _LONGEST_S
 
     def before(self, live: Iterable[Raw], source: SourceOf) -> list[Raw]:
-        """The messages that came, and those held from before them, in order of time.
+        """The messages that came, and held ones from before them, in order of time.
 
-        A message held gets the log time that it had with the delay of the others of its stream.
-        Items that are not understood without, among what has come, go to the beginning.
+        A held message gets the log time that it had with the delay of the others of its stream.
+        Essential messages among the ones that came go to the beginning.
         """
         for asking in [*self._asked.values()]:
             asking.close()

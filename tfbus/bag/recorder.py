@@ -63,8 +63,8 @@ class SnapshotCondition:
 
 @dataclass
 class Triggers:
-    """Finds in the events of streams what fulfils one of some conditions. Their frames have the
-    names of the robot, or those in a fleet: `base_link`, `robot7/base_link`.
+    """Finds events of streams that fulfil a condition. The frames of conditions are named as on the
+    robot, or as in a fleet: `base_link`, `robot7/base_link`.
     """
 
     conditions: tuple[SnapshotCondition, ...]
@@ -73,7 +73,7 @@ class Triggers:
     _frames: dict[str, tuple[FrameNames, list[str]]] = field(default_factory=dict)
 
     def fulfilled_by(self, event: EventItem) -> str:
-        """What the event says that a condition asks for, as a sentence; "" for nothing."""
+        """How the event fulfils a condition, as a sentence; "" if it does not."""
         if event.kind == "stream":
             return self._conflict(event)
         if event.kind != "stream gone":
@@ -115,9 +115,9 @@ def unmatched(
     described: Mapping[str, StreamDescription],
     received: Collection[str],
 ) -> Iterator[str]:
-    """A clause for each stream and frame that is asked for and that nothing is called; `described`
-    are the streams that there were, `received` those of which messages came. A frame may come in a
-    stream without a description: then nothing is said.
+    """A clause for each stream and frame that is asked for and was not found; `described` are the
+    streams that there were, `received` the names of streams of which messages came. A frame may
+    come in a stream without a description: then nothing is said.
     """
     known = {*described, *received}
     for name in selection.streams:
@@ -140,7 +140,7 @@ def unmatched(
 # The queue is looked at so often. Few wake-ups cost less than one for each message.
 _LOOK_EVERY_S = 0.4
 
-# What came is on the disk with the first look after this time: the second one.
+# Messages are on the disk with the first look after this time: the second one.
 _FLUSH_EVERY_S = 0.7
 
 # The first messages of a stream or topic wait for its description; later ones wait behind them.
@@ -149,7 +149,7 @@ _DESCRIBED_WITHIN_NS = 250_000_000
 # A clock that is set back by less is being adjusted.
 _SLEWED_NS = 50_000_000
 
-# What was dropped becomes an event at most so often.
+# Dropped messages become an event at most so often.
 _DROPPED_EVERY_S = 1.0
 
 # A service, or a key, waits at most this long for the thread.
@@ -178,11 +178,11 @@ class Snapshots:
 
 
 class Recorder:
-    """Writes what comes into a queue, on a thread of its own, until `close()`.
+    """Writes the messages of a queue into files, on a thread of its own, until `close()`.
 
-    With `snapshots` only the last seconds are kept, and written when asked. `past` is what is
-    waited for first, and `source` gives what messages of a key are. `on_file(path, written, why)`
-    is called for each further file that is asked for: it goes on in the file `path`, or has written
+    With `snapshots` only the last seconds are kept, and written when asked. `past` is waited for
+    first, and `source` gives the source of a key's messages. `on_file(path, written, why)` is
+    called for each further file that is asked for: it goes on in the file `path`, or has written
     that, and `written` is whole.
 
     If a file cannot be written, `failure` says why, and nothing further is recorded.
@@ -253,16 +253,16 @@ class Recorder:
 
     @property
     def is_paused(self) -> bool:
-        """Whether it records only what is in force: streams, nodes, statics."""
+        """Whether it records only the state in force: streams, nodes, statics."""
         return self._queue.is_paused
 
     @property
     def is_waiting(self) -> bool:
-        """Whether it still waits for what publishers hold from before."""
+        """Whether it still waits for messages that publishers hold from before."""
         return self._past is not None
 
     def pause(self) -> None:
-        """Record only what is in force, until `resume`. Twice is fine."""
+        """Record only the state in force, until `resume`. Twice is fine."""
         if not self._queue.is_paused:
             self._queue.put(EVENTS, EventItem(0, "paused"))
             self._queue.is_paused = True
@@ -372,7 +372,7 @@ class Recorder:
             )
 
     def _waits(self, raw: Raw) -> bool:
-        """Whether a message waits for what describes it: the first of its source, for a moment."""
+        """Whether a message waits for its description: the first of its source, for a moment."""
         if raw.source in self._undescribed or raw.source.is_described(raw.payload):
             return False
         if 0 <= self._queue.now_ns() - raw.log_ns < _DESCRIBED_WITHIN_NS:
@@ -412,7 +412,7 @@ class Recorder:
 
     def _note_dropped(self) -> None:
         dropped = Counter(self._queue.dropped)
-        # What the queue has dropped is missing too.
+        # Transforms that the queue has dropped are missing too.
         missing = self._missed.count - dropped["transforms"]
         if missing > 0:
             self.counts.lost[MISSING] = missing

@@ -46,18 +46,18 @@ from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
 from tfbus.wire.numbered import FLOAT64
 
-# What the descriptions of replayed streams have as their host.
+# The host in the descriptions of replayed streams.
 RECORDED = "recorded"
 
 _NAMED = 5
 
 
 class Republisher:
-    """Publishes what a player plays: a Stage.
+    """Publishes the items that a player plays: a Stage.
 
-    `stamps` of "now" moves the stamps of transforms by one offset, so that they are those of now;
+    `stamps` of "now" moves the stamps of transforms by one offset, to the present;
     at another rate than 1 the times between them are scaled too. The stamps in messages of topics
-    are moved as well: each `stamp_ns`, and those of ROS's headers. With `clock_hz`
+    are moved as well: each `stamp_ns`, and the stamps of ROS's headers. With `clock_hz`
     it publishes the time of the recording at this rate, for nodes with simulated time.
 
     Raises InvalidNameError if two streams would get the same name.
@@ -89,9 +89,9 @@ class Republisher:
                 ahead_ns=self._ahead_ns,
                 recorded_topic=clock_topic_of(reader),
             )
-        # How far what is recorded lies in the past; None before it begins.
+        # How far the recording lies in the past; None before it begins.
         self._past_ns: int | None = None
-        # A paused recording keeps what it has sent for listeners that come late.
+        # A paused recording keeps its sent messages for listeners that come late.
         self._played_ns = playhead.clock
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
@@ -142,7 +142,7 @@ class Republisher:
             self._epochs.begin_run()
             self._statics.clear()
         if self._clock is not None:
-            # First, so that followers do not take what comes for the past, or forget it.
+            # First, so that followers do not take the messages for the past, or forget them.
             self._clock.begin(state)
         gone = {
             item.name
@@ -243,9 +243,9 @@ class Republisher:
             ),
             host=RECORDED,
             session=self._node.session.id,
-            # What was read in a message of numbers is in it, and is sent with names.
+            # Frames that had numbers in a recorded message are in it, and are sent with names.
             poses=FLOAT64,
-            # So the order in which they started holds, among them and beside those that live.
+            # So the order in which they started holds, among them and beside living streams.
             started_ns=started_ns + (self._past_ns or 0) if started_ns else 0,
         )
 
@@ -307,7 +307,7 @@ class Republisher:
                 self._log_once.warning(("topic", item.topic), "Left out a message: %s", error)
 
     def _as_now(self, item: TopicItem, pace: Pace) -> Mapping[str, Any]:
-        """The fields of a message, with stamps as those of the transforms."""
+        """The fields of a message, with stamps moved as the transforms' are."""
         if self._stamps != "now":
             return item.values
         try:
@@ -345,7 +345,7 @@ class Republisher:
         """
         return is_clock(topic, type_name) and (self._clock is not None or self._stamps == "now")
 
-    # What it will send
+    # Declarations
 
     def _declare(self, reader: RecordingReader) -> None:
         """Declare all before the first message: subscribers then know where it comes from."""

@@ -99,7 +99,7 @@ class StreamEpochs:
             self._recorded.setdefault(stream, []).append(epoch_ns)
 
     def begin_run(self) -> None:
-        """From now on all epochs are later than those before."""
+        """From now on all epochs are later than the ones before."""
         self._run_ns = max(self._clock_ns(), self._run_ns + _APART_NS)
 
     def of(self, stream: str, epoch_ns: int) -> int:
@@ -110,7 +110,7 @@ class StreamEpochs:
 # How long a stream without a description keeps its messages, as a TransformBroadcaster does.
 _HISTORY_S = 10.0
 
-# What messages of the same frames have in common is kept for this many tables of frames.
+# The common parts of messages of the same frames are kept for this many tables of frames.
 _MOST_TABLES = 1000
 
 
@@ -173,7 +173,7 @@ class ReplayedStream:
         self._living().describe(description)
 
     def vanish(self) -> None:
-        """Its publisher is gone, and what that kept."""
+        """Its publisher is gone, with its kept messages."""
         self._is_gone = True
         if self._life is not None:
             self._life.end()
@@ -206,7 +206,7 @@ class ReplayedStream:
                 self._history.append(part.key.key, payload)
 
     def send_static(self, rows: Columns, epoch_ns: int) -> None:
-        """Send all its static transforms, in place of those before."""
+        """Send all its static transforms, in place of the former set."""
         self._begin_epoch(epoch_ns)
         if self._is_gone:
             return

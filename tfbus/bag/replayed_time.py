@@ -48,7 +48,7 @@ class ReplayedClock:
         self._playhead = playhead
         self._ahead_ns = ahead_ns
         self._recorded_topic = recorded_topic
-        # What the recorded clock said last; None where it has not said anything yet.
+        # The last message of the recorded clock; None before the first.
         self._recorded: Clock | None = None
         # Held while the time is read and published: it never goes back but by a jump.
         self._lock = scheduler.Lock()
@@ -108,7 +108,7 @@ _OTHER_CLOCK_NS = 60_000_000_000
 # This many messages of transforms, of this many items, say it.
 _MESSAGES, _ITEMS = 50, 2000
 
-# Our field of a stamp, and a header of ROS, by its fields and those of its stamp.
+# Our field of a stamp, and a header of ROS, by its fields and its stamp's.
 _STAMP = "stamp_ns"
 _HEADER = {"stamp", "frame_id"}
 _TIME = {"sec", "nanosec"}
@@ -116,7 +116,7 @@ _SECOND_NS = 1_000_000_000
 
 _FIRST_NS, _LAST_NS = -(2**63), 2**63 - 1
 
-# 146 years. What is nearer can be added to any stamp of a recording.
+# 146 years. A shorter time can be added to any stamp of a recording.
 _FAR_NS = 2.0**62
 
 
@@ -137,7 +137,7 @@ def stamps_ahead_ns(source: Playable, selection: Selection, from_ns: int) -> int
 
 
 def moved_ns(stamp_ns: int, pace: Pace, ahead_ns: int) -> int:
-    """A stamp of now, as `moved` has those of rows."""
+    """A stamp of now, as `moved` has the stamps of rows."""
     return pace.wall_ns + round((stamp_ns - pace.log_ns - ahead_ns) / pace.rate)
 
 
@@ -159,7 +159,7 @@ def moved(rows: Columns, pace: Pace, ahead_ns: int) -> Columns:
 def _later(stamps: "NDArray[np.int64]", by_ns: int) -> "NDArray[np.int64]":
     """The stamps, so much later; the first or the last one of 64 bits if they are beyond."""
     if -_FAR_NS <= by_ns <= _FAR_NS:
-        return stamps + by_ns  # those of a recording are from 1901 to 2038
+        return stamps + by_ns  # stamps of a recording are from 1901 to 2038
     by_ns = min(max(by_ns, _FIRST_NS), _LAST_NS)
     return (
         np.clip(stamps, max(_FIRST_NS, _FIRST_NS - by_ns), min(_LAST_NS, _LAST_NS - by_ns)) + by_ns
@@ -176,10 +176,10 @@ def _stamped(rows: Columns, stamps: "NDArray[np.int64]") -> Columns:
 
 
 def with_stamps(values: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
-    """The fields of a message with its stamps as `move(ns)` has them, those in nested messages
-    too; the same object if it has none.
+    """The fields of a message with its stamps as `move(ns)` has them, in nested messages too; the
+    same object if it has none.
 
-    A stamp is an integer `stamp_ns`, and that in a header of ROS's. 0 stays: it stands for no time.
+    A stamp is an integer `stamp_ns`, or a ROS header's. 0 stays: it stands for no time.
     """
     if values.keys() == _HEADER:
         stamp = values["stamp"]

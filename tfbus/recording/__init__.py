@@ -1,1 +1,1 @@
-"""Recordings: what was on a bus, in MCAP files; read, written, cut and converted without a bus."""
+"""Recordings: the traffic of a bus in MCAP files; read, written, cut and converted without a bus."""

@@ -46,7 +46,7 @@ class Span:
 def cut(
     reader: RecordingReader, spans: Sequence[Span], selection: Selection = ALL
 ) -> Iterator[Item]:
-    """The items of these spans, with what is in force at the beginning of each.
+    """The items of these spans, with the state in force at the beginning of each.
 
     The part between two spans was cut out, as the recording then says. Spans that overlap are
     joined.
@@ -89,7 +89,7 @@ def joined(readers: Sequence[RecordingReader], selection: Selection = ALL) -> It
 
 
 def without(items: Iterator[Item], names: Collection[str]) -> Iterator[Item]:
-    """The items without those of topics, streams and child frames of these names."""
+    """The items without topics, streams and child frames of these names."""
     for item in items:
         if isinstance(item, TopicItem) and item.topic in names:
             continue
@@ -104,9 +104,7 @@ def without(items: Iterator[Item], names: Collection[str]) -> Iterator[Item]:
 
 
 def in_namespace(items: Iterator[Item], namespace: str) -> Iterator[Item]:
-    """The items with their streams, topics and nodes below a namespace, as those of one robot of a
-    fleet.
-    """
+    """The items with their streams, topics and nodes below a namespace, as of one robot of a fleet."""
     for item in items:
         if isinstance(item, TopicItem):
             yield replace(item, topic=f"{namespace}/{item.topic}")
@@ -181,7 +179,7 @@ def _epochs(reader: RecordingReader) -> dict[str, set[int]]:
 
 
 def _in_order(spans: Sequence[Span]) -> list[Span]:
-    """The spans by their beginning, those that overlap or touch as one."""
+    """The spans by their beginning; spans that overlap or touch are joined."""
     found: list[Span] = []
     for span in sorted(spans, key=lambda each: each.from_ns):
         if found and span.from_ns <= found[-1].to_ns + 1:
@@ -192,7 +190,7 @@ def _in_order(spans: Sequence[Span]) -> list[Span]:
 
 
 def _ended(state: BusState, later: BusState, log_ns: int) -> Iterator[EventItem]:
-    """Events for what has gone between two spans."""
+    """Events for nodes and streams that have gone between two spans."""
     for name in state.nodes.keys() - later.nodes.keys():
         yield EventItem(log_ns, "node gone", name)
     for name in state.streams.keys() - state.gone.keys():
@@ -224,7 +222,7 @@ class _Repeated:
 
     def is_of_another(self, item: Item, number: int, state: BusState) -> bool:
         """Whether another recording had the message before. Items come in order of log time;
-        `state` is what was in force before this one.
+        `state` was in force before this one.
         """
         if isinstance(item, EventItem):
             return False

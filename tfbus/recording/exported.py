@@ -24,7 +24,7 @@ _LOG_TIME = "log_ns"
 def write_transforms_csv(items: Iterable[Item], path: Path) -> int:
     """Write all transforms as rows of CSV, in order of log time; how many there are.
 
-    The columns are TRANSFORM_COLUMNS; `Trajectory.read_csv` reads those that it needs. Raises
+    The columns are TRANSFORM_COLUMNS; `Trajectory.read_csv` reads the ones that it needs. Raises
     OSError.
     """
     count = 0

@@ -65,7 +65,7 @@ class RosbagsFile:
             self._reader.open()
         except OSError:
             raise
-        except Exception as error:  # rosbags raises what its parts do
+        except Exception as error:  # rosbags raises any error of its parts
             raise self._unreadable(error) from error
         self._is_packed = False
         self._unpack_here()
@@ -186,12 +186,12 @@ def _known_definition(type_name: str) -> str:
 
     try:
         text, _ = get_typestore(Stores.ROS2_HUMBLE).generate_msgdef(type_name, ros_version=2)
-    except Exception:  # rosbags raises what its parts do
+    except Exception:  # rosbags raises any error of its parts
         return ""
     return str(text)
 
 
-# What publishes a channel, and whether that is retained, as the converter of rosbag1 names it.
+# A channel's publisher, and whether it is retained, as the converter of rosbag1 names them.
 _PUBLISHER, _LATCHING = "callerid", "latching"
 
 
@@ -227,9 +227,7 @@ class BareMcap:
         return [each.text(self.start_ns) for each in united(self._file.damage)]
 
     def messages(self) -> Iterator[ForeignMessage]:
-        """All messages in order of log time, whatever that of the file; without those that cannot
-        be read.
-        """
+        """All readable messages in order of log time, whatever the order of the file."""
         for message in in_order(self._groups(), lambda message: message.log_ns):
             yield self._message(message)
 
@@ -306,7 +304,7 @@ def opened(*paths: Path) -> Iterator[ForeignFiles]:
 
 
 def _files_of(path: Path, stack: ExitStack) -> Iterator[ForeignFile]:
-    """The files at a path; what is unpacked for them is there until the end of the stack."""
+    """The files at a path; unpacked copies are there until the end of the stack."""
     if not path.is_dir():
         if path.suffix not in ENDINGS:
             raise DecodeError(

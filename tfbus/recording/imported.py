@@ -69,7 +69,7 @@ class ForeignFile(Protocol):
     """A file, or the files of one rosbag2 recording.
 
     `start_ns` and `end_ns` are the log times of the first and last message, both 0 without any.
-    `note` is what a user should know of it, "" for nothing.
+    `note` is a sentence for the user, or "".
     """
 
     name: str
@@ -149,7 +149,7 @@ def _cdr_values(definition: Definition) -> ValuesDecoder:
 
 
 def _ros1_values(channel: ForeignChannel) -> ValuesDecoder:
-    """By way of ROS 2, whose bytes rosbags makes of those of ROS 1."""
+    """By way of ROS 2, whose bytes rosbags makes of ROS 1's."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     name = channel.type_name
@@ -161,7 +161,7 @@ def _ros1_values(channel: ForeignChannel) -> ValuesDecoder:
             types[_HEADER] = (constants, [each for each in fields if each[0] != "seq"])
         store.register(types)
         text, _ = store.generate_msgdef(name, ros_version=2)
-    except Exception as error:  # rosbags raises what its parts do
+    except Exception as error:  # rosbags raises any error of its parts
         raise DecodeError(f"the definition of its type cannot be read: {error}") from error
     decode = _cdr_values(with_ros2_names(Definition(name, text)))
 
@@ -183,9 +183,9 @@ _Read = Callable[[ForeignMessage], Item | None]
 
 @dataclass
 class Imported:
-    """Counts what was imported. `left_out` says by topic why none of its messages was, `failed` how
-    many of a topic could not be read or written, and `why_failed` the first reason; `refused` is
-    how many were read and not written. `topics` are all that the files have.
+    """Counts of imported messages. `left_out` says by topic why none of its messages was imported,
+    `failed` how many of a topic could not be read or written, and `why_failed` the first reason;
+    `refused` is how many were read and not written. `topics` are all that the files have.
     """
 
     transforms: int = 0
@@ -234,9 +234,9 @@ def imported(
     """The messages as items, in the same order.
 
     Transforms come as one stream for each publisher if the file names it, as rosbag1 does, and
-    else as one stream `ros` or `foxglove`, or `default_stream`. Those of `/robot7/tf` are in the
-    namespace `robot7`. Leading slashes of frames are removed, as tf2 does. A static transform stays
-    until another one of its child comes on the same stream.
+    else as one stream `ros` or `foxglove`, or `default_stream`. Transforms of `/robot7/tf` are in
+    the namespace `robot7`. Leading slashes of frames are removed, as tf2 does. A static transform
+    stays until another one of its child comes on the same stream.
 
     Of other topics, `topics` alone if it names any, and none with `only_transforms`.
     """
@@ -324,7 +324,7 @@ class _Importer:
         source = "foxglove" if "foxglove" in channel.type_name else "ros"
         own = channel.publisher.strip("/").replace("/", "_") or self._default_stream or source
         if not is_static and last != TRANSFORMS:
-            # Transforms on a topic that is not tf2's: apart from those, and named after the topic.
+            # Transforms on a topic that is not tf2's: a stream apart, named after the topic.
             return channel.topic.strip("/").replace("/", "_") or own, "", False
         namespace = check_namespace(above)
         return (f"{namespace}/{own}" if namespace else own), namespace, is_static
@@ -376,7 +376,7 @@ class _StaticSet:
         self._row_of: dict[str, tuple[str, bytes, bytes]] = {}
 
     def update(self, rows: Columns) -> bool:
-        """Set rows; whether any differs from what was there."""
+        """Set rows; whether any is new or differs from the row before."""
         stamps, poses = rows.stamps_bytes(), rows.poses_bytes()
         is_new = False
         for at, (parent, child) in enumerate(rows.pairs()):

@@ -46,7 +46,7 @@ class RecordedStream:
 @dataclass(frozen=True)
 class TransformItem:
     """A message of transforms. With `static` the rows are all static transforms of the stream, and
-    replace those before. `seq` counts the messages of its key in its epoch.
+    replace the former ones. `seq` counts the messages of its key in its epoch.
     """
 
     log_ns: int
@@ -139,11 +139,11 @@ _DYNAMIC, _STATIC = "tf", "tf_static"
 class Selection:
     """The items to take; everything by default.
 
-    `topics` are names of topics: given, only those. Among them `tf` stands for the dynamic
-    transforms of all streams, `tf_static` for their static ones, `robot7/tf` for those of a
+    `topics` are names of topics: given, only these. Among them `tf` stands for the dynamic
+    transforms of all streams, `tf_static` for their static ones, `robot7/tf` for the streams of a
     namespace; if none of them is given, there are no transforms unless `streams` or `frames` are
-    given too. `streams` are names of streams: given, only those. `frames` are child frames, by
-    their own names or those in a fleet, `robot7/base_link`: given, only their transforms. `regex`
+    given too. `streams` are names of streams: given, only these. `frames` are child frames, by
+    their own names or as in a fleet, `robot7/base_link`: given, only their transforms. `regex`
     and `exclude` are regular expressions, found anywhere in the name of a topic or stream;
     `exclude_topics` are names as `topics`. Names are full, as a session without a namespace has
     them. The topics `always` are taken in any case.
@@ -303,10 +303,10 @@ class Viewpoint:
 
 Ints: TypeAlias = "NDArray[np.int64]"
 
-# Why nothing was recorded, where the recorder was not paused: the fact "why" of the event.
+# Why nothing was recorded, if the recorder was not paused: the fact "why" of the event.
 STOPPED, CUT_OUT = "stopped", "cut out"
 
-# In what a recorder says of itself: equal in the files of one recording.
+# A key of the recorder's metadata: equal in the files of one recording.
 RECORDING = "recording"
 
 

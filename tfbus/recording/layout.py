@@ -33,7 +33,7 @@ PROFILE = "ros2"
 ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
 
-# The metadata records of a file: who wrote it, and what happened.
+# The metadata records of a file: its writer, and the events.
 ABOUT = "tfbus"
 EVENT = "tfbus.event"
 
@@ -118,7 +118,7 @@ def stream_of(topic: str, metadata: Mapping[str, str]) -> RecordedStream:
 
 
 def has_seq(metadata: Mapping[str, str]) -> bool:
-    """Whether the sequence numbers of a channel are those of its publisher."""
+    """Whether the sequence numbers of a channel are its publisher's."""
     return metadata.get("tfbus.seq") == "true"
 
 
@@ -256,7 +256,7 @@ _VERSION = 1
 # An index that is larger is not read: it is made again.
 _MOST_BYTES = 2**30
 
-# The columns and what they are in the file; a row for each frame that a chunk has of a channel.
+# The columns and their types in the file; a row for each frame that a chunk has of a channel.
 _COLUMNS = {
     "chunk": "<u4",
     "channel": "<u2",
@@ -363,7 +363,7 @@ class IndexBuilder:
 
 
 def _united(rows: "NDArray[np.int64]") -> "NDArray[np.int64]":
-    """The rows with those of the same chunk, channel and edge as one, in this order."""
+    """The rows, joined and ordered by chunk, channel and edge."""
     if not len(rows):
         return rows
     rows = rows[np.lexsort((rows[:, 2], rows[:, 1], rows[:, 0]))]

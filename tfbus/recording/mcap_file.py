@@ -1,4 +1,4 @@
-"""An MCAP file, read: what its summary says or, if it has none, what is in it."""
+"""An MCAP file, read by its summary or, if it has none, record by record."""
 
 import errno
 import os
@@ -79,9 +79,9 @@ class McapFile:
 
     `is_complete` is whether it ends as it should. A file that was cut short is read from its
     beginning to where it ends. An unreadable part in the middle is left out: `on_damage` is called
-    with it when it is met first, and `damage` has what was met so far.
+    with it when it is met first, and `damage` has all parts met so far.
 
-    Raises DecodeError for what is no MCAP file, and OSError.
+    Raises DecodeError unless it is an MCAP file, and OSError.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -112,7 +112,7 @@ class McapFile:
 
     @property
     def damage(self) -> list[Damage]:
-        """The unreadable parts of what was asked for so far."""
+        """The unreadable parts met so far."""
         return list(self._damage.values())
 
     def is_damaged(self, offset: int) -> bool:
@@ -120,7 +120,7 @@ class McapFile:
         return ("", offset) in self._damage
 
     def note_damage(self, damage: Damage) -> None:
-        """Take note of what cannot be read: once for each place, and each `what` it is of."""
+        """Note an unreadable part: once for each place, or each stream or topic in `what`."""
         key = damage.what, 0 if damage.what else damage.offset
         if key not in self._damage:
             self._damage[key] = damage
@@ -305,7 +305,7 @@ class McapFile:
             self.metadata.append(read_metadata(self._content(METADATA, offset, length)))
 
     def _check_statistics(self, stated: Fields, metadata: int) -> None:
-        """Take the counts; raises DecodeError if the summary leaves out what is in the file."""
+        """Take the counts; raises DecodeError if the summary leaves out a part of the file."""
         messages, _, channels, _ = (stated.number(size) for size in (8, 2, 4, 4))
         said_metadata, chunks = stated.number(4), stated.number(4)
         stated.raw(16)
@@ -375,7 +375,7 @@ class McapFile:
                 self.note_damage(Damage(offset, length, str(error)))
 
     def _scan_chunk(self, chunk: Chunk) -> None:
-        """Take what is in a chunk that no index names."""
+        """Read the times and counts of a chunk that no index names."""
         try:
             messages = self._messages(chunk)
         except DecodeError as error:

@@ -61,9 +61,9 @@ class StreamChannel:
 
 @dataclass(frozen=True, slots=True)
 class TopicChannel:
-    """A channel with messages of a topic; `decode` is None where tfbus does not read them, and
-    `definition` where it is one of ours. `is_numbered` is whether a number says which messages only
-    repeat what is in force. `ros_type` is the name of the type in the file, as ROS has it.
+    """A channel with messages of a topic; `decode` is None if tfbus does not read them, and
+    `definition` if it is one of ours. `is_numbered` is whether a number says which messages only
+    repeat the one in force. `ros_type` is the name of the type in the file, as ROS has it.
     """
 
     id: int
@@ -82,7 +82,7 @@ class TopicChannel:
 
 
 class Part:
-    """One file, which `read` opens as a McapFile. Raises OSError, and DecodeError for what is no
+    """One file, which `read` opens as a McapFile. Raises OSError, and DecodeError unless it is a
     recording.
     """
 
@@ -123,7 +123,7 @@ class Part:
 
     @property
     def about(self) -> Mapping[str, str]:
-        """What the recorder said of itself, and a tool that wrote the file of others."""
+        """The metadata of the recorder, and of a tool that wrote the file of others."""
         said: dict[str, str] = {}
         for name, record in self.file.metadata:
             if name == ABOUT:
@@ -132,7 +132,7 @@ class Part:
 
     @property
     def events(self) -> list[EventItem]:
-        """The events in the order of the file; those that cannot be read are left out."""
+        """The readable events in the order of the file."""
         found = []
         for name, record in self.file.metadata:
             if name == EVENT:
@@ -180,7 +180,7 @@ class Part:
         return builder.build()
 
     def note_unreadable(self, chunk: Chunk, message: Message, error: DecodeError) -> None:
-        """Count a message that is not what its channel says; the first of a channel is damage."""
+        """Count a message that does not fit its channel; the first of a channel is damage."""
         self.unreadable += 1
         stream = self.stream_channels.get(message.channel)
         topic = self.topic_channels.get(message.channel)
@@ -219,8 +219,8 @@ class Part:
 
 
 def _definition(schema: Schema | None) -> Definition | None:
-    """A definition that others wrote. One of ours is made again where it is written, under a name
-    that is free there.
+    """A definition that others wrote. Ours are made again when they are written, under a name that
+    is free in the new file.
     """
     if schema is None or schema.name.startswith(PACKAGE):
         return None
@@ -284,8 +284,8 @@ class Group:
 
 
 class StoredChunk:
-    """A chunk of a file; log times in nanoseconds. What of it cannot be read is left out, and
-    noted by the file.
+    """A chunk of a file; log times in nanoseconds. Unreadable messages are left out, and noted by
+    the file.
     """
 
     __slots__ = (
@@ -385,8 +385,8 @@ class StoredChunk:
         tf: TFMessageReader,
         children: Collection[str] | None = None,
     ) -> list[tuple[list[int], Columns]]:
-        """The transforms of messages that are alike, with their indices; those that cannot be read
-        are left out.
+        """The transforms of messages that are alike, with their indices; unreadable messages are
+        left out.
         """
         try:
             return read_many(tf, [message.data for message in messages], children)
@@ -403,7 +403,7 @@ class StoredChunk:
         return found
 
     def _rows_of(self, messages: list[Message], tf: TFMessageReader) -> dict[int, Columns]:
-        """The transforms of those of the messages that have some, by their indices."""
+        """The transforms of the messages of streams, by their indices."""
         members: dict[int, list[int]] = {}
         for at, message in enumerate(messages):
             if message.channel in self.part.stream_channels:
@@ -452,7 +452,7 @@ class UnreadItem(NamedTuple):
 
 
 def read_items(items: Iterable[Item | UnreadItem]) -> Iterator[Item]:
-    """The items, each decoded when it is asked for; those that cannot be read are left out."""
+    """The readable items, each decoded when it is asked for."""
     for each in items:
         item = each.read() if isinstance(each, UnreadItem) else each
         if item is not None:

@@ -15,7 +15,7 @@ from tfbus.recording.state import ItemsInOrder, last_item
 
 SLOWEST, FASTEST = 1e-3, 1e4
 
-# What to do at the end: return from `Player.run`, begin again, or wait for a seek.
+# The behaviour at the end: return from `Player.run`, begin again, or wait for a seek.
 AtEnd = Literal["stop", "loop", "wait"]
 
 # Stamps of transforms and messages: moved to the time of now, or as they were recorded.
@@ -159,7 +159,7 @@ class Playhead:
             (self.resume if self._is_paused else self.pause)()
 
     def step(self, messages: int = 1) -> None:
-        """Pause, and go this many messages further; fewer than 0 are those before."""
+        """Pause, and go this many messages further, or back if fewer than 0."""
         with self.changed:
             self._set_paused(True)
             self._steps += messages
@@ -244,7 +244,7 @@ class Playhead:
             self._pace = replace(self._pace, real_ns=since_ns)
 
     def _position_ns(self) -> int:
-        """Where it is, or is about to be."""
+        """The log time at which it is, or is about to be."""
         return self._played_ns()
 
     def _played_ns(self) -> int:

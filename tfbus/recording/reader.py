@@ -38,7 +38,7 @@ from tfbus.wire.keys import STATIC_TRANSFORMS, TRANSFORMS
 
 T = TypeVar("T")
 
-# What an item takes in memory besides the bytes of its message.
+# The memory of an item besides the bytes of its message.
 _ITEM_BYTES = 750
 
 # Groups whose times overlap are in memory together; more of them are refused.
@@ -76,7 +76,7 @@ SUFFIX = ".mcap"
 
 
 def files_of(paths: Iterable[str | os.PathLike[str]]) -> list[Path]:
-    """The files that these paths name: of a folder those in it that end in `.mcap`, by name.
+    """The files that these paths name: of a folder all files in it that end in `.mcap`, by name.
 
     Raises FileNotFoundError for a path that is not there, and DecodeError for a folder without
     recordings.
@@ -111,7 +111,7 @@ _LOG = library_log("tfbus.recording")
 @dataclass(frozen=True)
 class StreamSummary:
     """A stream in one epoch: how many messages of dynamic and of static transforms there are. The
-    static ones include those that repeat what is in force.
+    static ones include repetitions of the set in force.
     """
 
     stream: RecordedStream
@@ -123,9 +123,9 @@ class StreamSummary:
 class TopicSummary:
     """A topic: the name of its type, and how many messages there are. If `is_readable` is false
     they are in a format that tfbus does not read, and are left out of the items. If it
-    `is_retained` a message stays in force until the next, and those that a file begins with, to
-    repeat what is in force, are counted too. `definition` is that of a type of ROS's, `ros_type`
-    the name of the type in the file.
+    `is_retained` a message stays in force until the next, and repetitions at the beginning of a
+    file are counted too. `definition` is the text of a type of ROS's, `ros_type` the name of the
+    type in the file.
     """
 
     name: str
@@ -138,12 +138,12 @@ class TopicSummary:
 
 
 class RecordingReader(AbstractContextManager["RecordingReader"]):
-    """Reads the items of one or several files, or of those in a folder, as one recording.
+    """Reads the items of one or several files, or of all files in a folder, as one recording.
 
     An unreadable part of a file is left out. `on_damage` is called with the file and the damage
     when it is met first; by default the first of each file is logged.
 
-    Use it in a `with`. Raises MissingFileError, FileError, and DecodeError for what is no
+    Use it in a `with`. Raises MissingFileError, FileError, and DecodeError for a file that is no
     recording. Not thread-safe, but for `items`.
     """
 
@@ -171,7 +171,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
             (chunk for part in self._parts for chunk in part.chunks),
             key=lambda chunk: (chunk.from_ns, chunk.part.number, chunk.offset),
         )
-        # Up to each chunk, the last log time of those before it and of its own.
+        # Up to each chunk, the last log time of it and of all chunks before it.
         self._until = list(accumulate((chunk.to_ns for chunk in self._chunks), max))
         for part in self._parts:
             for damage in part.file.damage:
@@ -248,17 +248,17 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     @property
     def is_complete(self) -> bool:
-        """Whether no file was cut short, as by a power failure: then what is there is read."""
+        """Whether no file was cut short, as by a power failure; of a cut file the rest is read."""
         return all(part.is_complete for part in self._parts)
 
     @property
     def is_damaged(self) -> bool:
-        """Whether something could not be read of what was asked for so far."""
+        """Whether some part read so far was unreadable."""
         return any(part.file.damage for part in self._parts)
 
     @property
     def damage(self) -> tuple[Damage, ...]:
-        """The unreadable parts of what was asked for so far."""
+        """The unreadable parts met so far."""
         return tuple(damage for part in self._parts for damage in united(part.file.damage))
 
     def check(self) -> None:

@@ -15,7 +15,7 @@ from typing import NamedTuple
 from tfbus.base.errors import DecodeError
 from tfbus.wire.limits import size_text
 
-# What a disk keeps free where a file is unpacked onto it.
+# The bytes that stay free on a disk onto which a file is unpacked.
 _LEAST_FREE = 10**9
 
 _AT_A_TIME = 2**24
@@ -220,7 +220,7 @@ def read_channel(data: bytes) -> Channel:
 
 
 def read_metadata(data: bytes) -> tuple[str, dict[str, str]]:
-    """The name of a metadata record, and what it says."""
+    """The name of a metadata record, and its entries."""
     fields = Fields(data)
     return fields.text(), fields.texts()
 
@@ -320,8 +320,7 @@ class Damage:
     """Bytes of a file that cannot be read: from `offset` on, `size` bytes; the log times of their
     messages and how many there are, None if the file does not say.
 
-    With `what`, as "topic 'pose'", it is messages that are whole, but are not what their channel
-    says.
+    With `what`, as "topic 'pose'", it is messages that are whole, but do not fit their channel.
     """
 
     offset: int
@@ -355,7 +354,7 @@ def time_text(log_ns: int, start_ns: int | None) -> str:
 
 
 def united(damage: Iterable[Damage]) -> list[Damage]:
-    """Damage in the order of the file; what lies side by side as one."""
+    """Damage in the order of the file; adjacent parts are joined."""
     found: list[Damage] = []
     for each in sorted(damage, key=lambda one: (bool(one.what), one.offset)):
         last = found[-1] if found and not each.what else None

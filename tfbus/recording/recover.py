@@ -36,14 +36,14 @@ from tfbus.recording.records import (
 from tfbus.recording.state import BusState
 from tfbus.wire.limits import size_text
 
-# The greatest opcode of MCAP's own; those from the second on are left to others.
+# The greatest opcode of MCAP's own; opcodes from the second on are left to others.
 _LAST_OPCODE, _PRIVATE_OPCODES = 15, 0x80
 
 # The length that these records have always.
 _FIXED_LENGTHS = {FOOTER: 20, DATA_END: 4}
 
-# The opcode of a chunk and its length, whose last four bytes are zero below 4 GB; and what a chunk
-# has before the name of its compression, from its opcode on.
+# The opcode of a chunk and its length, whose last four bytes are zero below 4 GB; and the size of a
+# chunk's head before the name of its compression, from its opcode on.
 _CHUNK_LIKE = re.compile(rb"(?=\x06.{4}\0{4})", re.DOTALL)
 _CHUNK_HEAD = PREFIX.size + 8 + 8 + 8 + 4
 _COMPRESSIONS = (b"zstd", b"lz4", b"")
@@ -151,8 +151,8 @@ class Salvage:
 
 
 def items_of_all(salvages: Iterable[Salvage]) -> Iterator[Item]:
-    """The items of the files of one recording, in order of log time, without those that a file
-    begins with to repeat what is in force.
+    """The items of the files of one recording, in order of log time, without the state that each
+    file repeats at its beginning.
     """
     state = BusState()
     for item in merge(*(salvage.items() for salvage in salvages), key=_log_ns):
@@ -175,7 +175,7 @@ class _DamagedFile(McapFile):
     def _open(self) -> None:
         self.tail_bytes = self.orphans = 0
         self.has_all_messages = False
-        # What the summary says, if there is one: the chunks by the places where they begin.
+        # The chunks of the summary, if there is one, by the places where they begin.
         self._stated: dict[int, Chunk] = {}
         self._counted: set[int] = set()
         self.size = os.fstat(self._file).st_size
@@ -219,7 +219,7 @@ class _DamagedFile(McapFile):
                 end = self._next_chunk(at + 1)
                 if end == self.size:
                     self.tail_bytes += end - at
-                    # What tfbus writes between the last message and the end of that part.
+                    # tfbus writes these between the last message and the end of that part.
                     self.has_all_messages |= self._read(at, 1)[0] in (ATTACHMENT, DATA_END)
                 else:
                     self.note_damage(self._lost(at, end))
@@ -240,8 +240,8 @@ class _DamagedFile(McapFile):
             self._scan_chunk(Chunk(bare_at, at - bare_at, 0, 0, is_bare=True))
 
     def _lost(self, at: int, end: int) -> Damage:
-        """Bytes in the middle that are no records: the summary says what they were and, without
-        one, the chunks around them between which times that was.
+        """Bytes in the middle that are no records, with the times and count of their chunks by the
+        summary or, without one, the times of the chunks around them.
         """
         stated = [chunk for offset, chunk in self._stated.items() if at <= offset < end]
         indexed = [self._damage_of(chunk, DecodeError("")) for chunk in stated]
@@ -265,7 +265,7 @@ class _DamagedFile(McapFile):
         is_last = end == self.size or (found == FOOTER and end + len(MAGIC) == self.size)
         if not found or is_last or self._prefix_at(end)[0]:
             return found, end
-        # What follows is none: one of the two lengths is wrong, unless the file is cut just there.
+        # No record follows: one of the two lengths is wrong, unless the file is cut just there.
         try:
             if found == CHUNK:
                 chunk_records(self._content(CHUNK, at, end - at))

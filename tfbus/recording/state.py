@@ -48,7 +48,7 @@ class BusState:
             self.retained[item.topic] = item
 
     def says(self, item: Item) -> bool:
-        """Whether the item changes nothing, as it repeats what is in force."""
+        """Whether the item changes nothing, as it repeats the state in force."""
         if isinstance(item, TransformItem):
             return item.static and _is_same_set(self.statics.get(item.stream.name), item)
         if isinstance(item, TopicItem):
@@ -230,7 +230,7 @@ def _is_gone(item: Item) -> bool:
     return isinstance(item, EventItem) and item.kind == "stream gone"
 
 
-# Which static transforms a lookup knows: those of the whole recording, or those received by then.
+# The static transforms that a lookup knows: of the whole recording, or only as received by then.
 Statics = Literal["always", "then"]
 STATICS: tuple[Statics, ...] = ("always", "then")
 
@@ -282,7 +282,7 @@ _NONE = Columns.of_bytes((), b"", b"", b"")
 
 
 def _joined(parts: list[Columns]) -> Columns:
-    """All rows, as they are: those of a file may be no valid transforms."""
+    """All rows, as they are: rows of a file may be no valid transforms."""
     numbers: dict[str, int] = {}
     edges = [
         edge_bytes(

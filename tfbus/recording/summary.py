@@ -1,4 +1,4 @@
-"""What is in a recording, in numbers: streams, rates, gaps, topics, nodes, events."""
+"""The contents of a recording, in numbers: streams, rates, gaps, topics, nodes, events."""
 
 import re
 from collections import Counter
@@ -186,7 +186,7 @@ class NodeFacts:
 
 @dataclass(frozen=True)
 class Summary:
-    """What is in a recording. Times are log times, nanoseconds since the Unix epoch. With
+    """The contents of a recording. Times are log times, nanoseconds since the Unix epoch. With
     `is_checked` all messages were read, and so all damage is known.
     """
 
@@ -224,7 +224,7 @@ class Summary:
 
     @property
     def messages(self) -> int:
-        """The messages of all streams and topics, without those that repeat static transforms."""
+        """The messages of all streams and topics, without repeated static transforms."""
         flows = [each.flow for each in self.streams] + [each.flow for each in self.topics]
         return sum(flow.messages for flow in flows)
 

@@ -40,19 +40,19 @@ CHUNK_BYTES = 128 * 1024
 _MOST_CHANNELS = 2**16 - 2
 _SEQUENCES = 2**32
 
-# What a message takes besides its data.
+# The bytes of a message besides its data.
 _MESSAGE_BYTES = 31
 
 
 class RecordingWriter(AbstractContextManager["RecordingWriter"]):
     """Writes one file, item by item; use it in a `with`. Not thread-safe.
 
-    After an OSError, as of a full disk, the file has what was there at the last `flush`, and each
-    further `write` raises one.
+    After an OSError, as of a full disk, the file ends at the last `flush`, and each further `write`
+    raises one.
 
     `statics_every_s` seconds after they were written the static transforms in force are written
-    again, so that a seek or a cut finds them nearby. `about` says who recorded what: it is in the
-    file as texts. Raises FileExistsError for a file that exists, and other OSErrors.
+    again, so that a seek or a cut finds them nearby. `about` describes the recorder, as texts in
+    the file. Raises FileExistsError for a file that exists, and other OSErrors.
     """
 
     def __init__(
@@ -95,7 +95,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
 
     @property
     def size(self) -> int:
-        """How many bytes have been written, with those that wait for the end of their chunk."""
+        """How many bytes have been written, with bytes that wait for the end of their chunk."""
         return self._file.tell() + self._pending if not self._file.closed else self._size
 
     _size = 0
@@ -112,7 +112,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
 
     def write_late(self, items: Iterable[Item]) -> Iterator[InvalidArgumentException]:
         """Write items of a time before the last one, whose state they do not change, as a chunk of
-        their own; the errors of those that the file cannot hold. Raises OSError.
+        their own; the errors of items that the file cannot hold. Raises OSError.
         """
         with self._failing():
             self._end_chunk()
@@ -140,13 +140,13 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         return (item.encoded or self._encoded(item))[1]
 
     def add_about(self, about: Mapping[str, str]) -> None:
-        """Say more of who recorded or wrote what, that was not known at the beginning."""
+        """Add to the description of the recorder that was not known at the beginning."""
         with self._failing():
             self._mcap.add_metadata(ABOUT, dict(about))
 
     def flush(self) -> None:
-        """End the chunk and give it to the system: what was written so far is safe from the end of
-        this process.
+        """End the chunk and give it to the system: the items so far are safe from the end of this
+        process.
         """
         with self._failing():
             self._end_chunk()
@@ -198,7 +198,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
             raise
 
     def _abandon(self) -> None:
-        """Close the file without writing what Python holds of it still."""
+        """Close the file without writing the bytes that Python still holds."""
         with suppress(OSError):
             self._file.raw.close()
 

@@ -1,7 +1,7 @@
 """The page in a browser: frames in three dimensions.
 
-Listed here is `show`, the page for a buffer of any program, and what nodes use: the parts of `tfbus
-view`, and of a guest on its page.
+Listed here is `show`, the page for a buffer of any program, and names that nodes use: the parts of
+`tfbus view`, and of a guest on its page.
 """
 
 from tfbus.base.lazy_exports import exported

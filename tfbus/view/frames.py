@@ -230,7 +230,7 @@ def arrow_points(
 ) -> tuple[Floats, NDArray[np.bool_]]:
     """Arrows (N, 2, 3) from children to parents, and which of them to draw (N,).
 
-    As in RViz, those of at most a millimetre are not drawn.
+    As in RViz, arrows of at most a millimetre are not drawn.
     """
     points = np.stack([xyz[children], xyz[parents]], axis=1)
     kept: NDArray[np.bool_] = np.linalg.norm(points[:, 0] - points[:, 1], axis=1) > 1e-3

@@ -56,7 +56,7 @@ class Lane:
         return [self._waiting.pop(key) for key in taken]
 
     def sent(self, begin_s: float, end_s: float) -> None:
-        """Note how long the link took for what was taken last."""
+        """Note how long the link took for the last window."""
         self._free_s = end_s + (end_s - begin_s)
 
     def _put(self, message: Any) -> None:
@@ -75,7 +75,7 @@ class Lane:
         return any(_entity_of(each) == entity for each in self._waiting.values())
 
     def _forget(self, entity: tuple[str, str]) -> None:
-        """Drop what waits about a thing, and about those below it in the scene."""
+        """Drop waiting messages about a thing, and about the things below it in the scene."""
         kind, name = entity
         for key, each in list(self._waiting.items()):
             other = _entity_of(each)
@@ -118,8 +118,8 @@ async def in_lanes(
     marker: Any,
     clock_s: Callable[[], float] = time.monotonic,
 ) -> AsyncGenerator[Sequence[Any], None]:
-    """The windows to send a browser, made of those that viser would send. The sender asks for the
-    next once the link has taken the one before.
+    """The windows to send a browser, made of viser's own. The sender asks for the next once the
+    link has taken the one before.
 
     All that is there when the browser comes, which ends with the `marker`, goes first, as it is.
     """

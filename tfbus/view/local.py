@@ -1,4 +1,4 @@
-"""The page for a buffer of this program, or a recording, and with what the program draws."""
+"""The page for a buffer of this program, or a recording, and with the program's own drawings."""
 
 import atexit
 import logging
@@ -294,10 +294,10 @@ class View:
         depth_m: float = 0.5,
         color: ArrayLike = _GREY,
     ) -> None:
-        """Draw what a camera sees: its frustum, and with `image` the picture in it.
+        """Draw the view of a camera: its frustum, and with `image` the picture in it.
 
         `frame` is the optical one: z ahead, x to the right, y down. The angle is `fov_y_rad` from
-        top to bottom (1.0), or that of a `camera_matrix` (3, 3) for pictures of `size_px`, width by
+        top to bottom (1.0), or by a `camera_matrix` (3, 3) for pictures of `size_px`, width by
         height. The picture, `depth_m` ahead, is uint8 (H, W, 3), red first, or (H, W).
         """
         picture = None if image is None else image_of(image)

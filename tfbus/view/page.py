@@ -111,7 +111,7 @@ class Serving:
 
 @dataclass(frozen=True)
 class Choice:
-    """The frames to place, by these settings; those in `unseen` have no axes of their own."""
+    """The frames to place, by these settings; `unseen` ones have no axes of their own."""
 
     settings: ViewSettings
     fixed_frame: str = ""
@@ -123,7 +123,7 @@ class Page:
     """A server of the page, from its construction until `close`.
 
     It shows the moments of a bus, live or recorded. With a `replay`, which is host and bus then, it
-    also moves the recording. `server` is viser's; `frames` are those of the last look, and `choice`
+    also moves the recording. `server` is viser's; `frames` are from the last look, and `choice`
     has the frames to place, which have their places in `whole`. Raises ServeError if it cannot
     listen.
     """
@@ -155,7 +155,7 @@ class Page:
         self._now_ns = 0
         self._is_held = False
         self._was_watched = False
-        # The frames that are drawn, and these with those that only need a place.
+        # The frames that are drawn, and these with the frames that only need a place.
         self._placed = self.whole = place(self._buffer, "", (), None)
         self._seen_from = ""
         self._fixed_node = self.server.scene.add_frame(FIXED_NODE, show_axes=False)
@@ -248,7 +248,7 @@ class Page:
         self._is_held = True
 
     def _try_step(self) -> None:
-        # As of a callback: what cannot be drawn once may be so the next time.
+        # As of a callback: a moment that cannot be drawn may be followed by one that can.
         try:
             self.step()
         except Exception as error:
@@ -333,7 +333,7 @@ class Page:
     def _choose(self, settings: ViewSettings) -> Choice:
         frames = self.frames
         fixed_frame = settings.fixed_frame or frames.natural_fixed_frame()
-        # Axes would hide the links of a robot; those that are selected or in conflict have some.
+        # Axes would hide the links of a robot; selected ones or ones in conflict have some.
         covered = {
             name
             for name in self.robots.covered - self._selections.chosen
@@ -384,7 +384,7 @@ class Page:
     # The cameras
 
     def _look_first(self, placed: Placed, whole: Placed) -> None:
-        """Let browsers see what there is; `whole` also has the frames without axes."""
+        """Let browsers see the first frames; `whole` also has the frames without axes."""
         # Most frames of a recording come right after its beginning, where it waits for a browser.
         if self._replay and not self._was_watched:
             return
@@ -425,7 +425,7 @@ class Page:
         return next((found for guest in self._guests if (found := guest.region)), None)
 
     def _keep_sight(self, fixed_frame: str, stamp_ns: int | None) -> None:
-        """Let browsers see what they saw, after a change of the fixed frame."""
+        """Let browsers keep their view, after a change of the fixed frame."""
         before = self._seen_from
         # A fixed frame that does not exist yet shows nothing.
         if before == fixed_frame or not self.whole.names:
@@ -453,7 +453,7 @@ class Page:
     # The tools
 
     def _point(self, fixed_frame: str) -> None:
-        """Use what browsers point at."""
+        """Use the aims of browsers."""
         aimed_in = fixed_frame if self.whole.names else ""
         self._pointing.use(aimed_in, self._scene.size_m, self._way_to_what_is_drawn)
 

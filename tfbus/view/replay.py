@@ -34,8 +34,8 @@ from tfbus.wire.codec import from_map
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import namespace_of_node, relative
 
-# How much of what came before the cursor is read on a seek, for rates and trails: as much as comes
-# in this many messages, and these at the least and at the most.
+# The time before the cursor that is read on a seek, for rates and trails: of this many messages,
+# and these at the least and at the most.
 _MESSAGES_BEFORE = 2500
 _LEAST_BEFORE_S = 2.0
 _MOST_BEFORE_S = 30.0
@@ -66,9 +66,9 @@ class Replay:
     """The host, the publishers and the buffer of a page that shows a recording.
 
     It is at `at_ns` first, and plays if it should. `move` is for the page's thread; the playhead
-    is for any. The timeline has what the file says at
-    once, and after `measure` what is only found by reading it, as gaps. `samples` are then the
-    transforms at some moments, for a camera that sees where frames will be. With a `fleet` the
+    is for any. The timeline has the file's events at
+    once, and after `measure` marks that are only found by reading it, as gaps. `samples` are then
+    the transforms at some moments, for a camera that sees where frames will be. With a `fleet` the
     frames of robots in namespaces below are there, too. `mistake` says why the
     recording cannot be read at the cursor, "" if it can.
     """
@@ -108,7 +108,7 @@ class Replay:
         self._try(self._seek, self._at_ns)
         self.cursor = self._cursor()
 
-    # What a page needs
+    # For a page
 
     @property
     def buffer(self) -> Buffer:
@@ -199,7 +199,7 @@ class Replay:
     # How it moves
 
     def measure(self) -> None:
-        """Complete the timeline by what is only found in the index of the files; on any thread."""
+        """Complete the timeline by marks that only the index of the files shows; on any thread."""
         try:
             with self.opened_again() as reader:
                 self.samples = tuple(self._samples(reader))
@@ -226,7 +226,7 @@ class Replay:
         """Bring buffer and streams to the cursor, which plays while a browser watches; `now_s` is
         the time of a steady clock. Whether it has jumped, or other browsers must follow it.
 
-        At least `trail_s` of what came before are there.
+        At least `trail_s` seconds before it are there.
         """
         passed_s = 0.0 if self._moved_s is None or not is_watched else now_s - self._moved_s
         self._moved_s = now_s
@@ -323,7 +323,7 @@ class Replay:
         return self.playhead.progress.log_ns
 
 
-# Messages before the cursor that are looked at, of each topic, to draw what was there.
+# Messages before the cursor that are looked at, of each topic, to draw the scene at it.
 _MOST_BYTES = 100_000_000
 _MOST_MESSAGES = 1000
 _MOST_DECAYING = 60
@@ -374,7 +374,7 @@ class RecordedData:
         return self._waiting.get(topic)
 
     def rejected(self, topic: str) -> int:
-        """How many messages could not be read, of those that were looked at."""
+        """How many of the messages looked at could not be read."""
         return self._rejected[topic]
 
     def now_ns(self) -> int:
@@ -406,7 +406,7 @@ class RecordedData:
         return cursor.at_ns / 1e9
 
     def past(self, topic: str, settings: TopicSettings) -> Iterator[Past]:
-        """The messages up to the cursor that have to do with what is drawn there."""
+        """The messages up to the cursor that the drawing there needs."""
         waiting = self._waiting[topic]
         waiting.take()
         found = self._found_before(topic, waiting.message_type, settings)

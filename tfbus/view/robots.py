@@ -117,7 +117,7 @@ class Joints(Protocol):
 
     @property
     def positions(self) -> Mapping[str, float]:
-        """Their last positions, in rad and m, those that are known."""
+        """Their last known positions, in rad and m."""
 
     @property
     def is_heard(self) -> bool:
@@ -205,7 +205,7 @@ class _Described:
 
 class RobotsOnBus:
     """The robots that are described on the bus: of the node's namespace, and with a fleet also of
-    those below. With a `robot` it shows that one, and no descriptions.
+    the namespaces below. With a `robot` it shows that one, and no descriptions.
     """
 
     def __init__(
@@ -414,7 +414,7 @@ class _Recorded:
 
 
 class RecordedRobots:
-    """The robots of the namespace that a replay shows, and with a fleet of those below, at its
+    """The robots of the namespace that a replay shows, and with a fleet of namespaces below, at its
     cursor.
 
     Before its first description a robot is shown by that one.

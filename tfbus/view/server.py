@@ -45,7 +45,7 @@ _TOO_OFTEN = '<p role="alert"><b>Too many wrong tokens: try again in a minute.</
 
 @dataclass(frozen=True)
 class PageReply:
-    """The answer to a request in place of what it asks for; `reason` is for a log."""
+    """The answer to a request in place of the page that it asks for; `reason` is for a log."""
 
     status: HTTPStatus
     headers: tuple[tuple[str, str], ...]
@@ -74,9 +74,7 @@ class Access:
         return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
 
     def answer(self, path: str, headers: Mapping[str, str], address: str) -> PageReply | None:
-        """The answer to a request from an address in place of what it asks for; None if it has the
-        cookie.
-        """
+        """The answer to a request from an address in place of the page; None if it has the cookie."""
         if is_same(_cookie_of(headers, self._cookie), self._value):
             return None
         given = parse_qs(path.partition("?")[2]).get("token", [""])[0]
@@ -134,8 +132,8 @@ _HEAD = b"<head>"
 
 @dataclass
 class Guard:
-    """Which requests to a server at `host` are served: of its own pages and of programs, and with
-    an `access` of those that have its token.
+    """Decides which requests to a server at `host` are served: of its own pages and of programs,
+    and with an `access` only the ones with its token.
 
     If `is_framed`, pages of other machines may have the page in a frame. Calls `on_refused(reason)`
     for each request that is refused, except one without a token. It `stands` once a server asks it.

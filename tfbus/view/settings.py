@@ -18,7 +18,7 @@ from tfbus.wire.keys import relative
 
 
 class PatternError(SettingsError):
-    """A malformed regular expression; the message says what is wrong and where."""
+    """A malformed regular expression; the message names the mistake and its place."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class TopicSettings:
     """How the messages of a topic are drawn, while it is `shown`.
 
     Points have the `color` of their "height" in the fixed frame, of a column, are all "flat", or by
-    "auto" of rgb, else intensity, else height: from `color_min` to `color_max`, or to those in the
-    message for None. They are `size` cm wide, or `pixels` unless that is 0, and stay for `decay_s`
+    "auto" of rgb, else intensity, else height: from `color_min` to `color_max`, for None the bounds
+    in the message. They are `size` cm wide, or `pixels` unless that is 0, and stay for `decay_s`
     seconds, or with 0 until the next message. With `locked` a message moves with its frame, instead
     of staying where that was at its stamp. At most `rate_hz` messages are drawn a second.
 
@@ -90,16 +90,16 @@ class ViewSettings:
     """The choices of the page.
 
     An empty `fixed_frame` chooses one by itself. `only` and `never` are regular expressions on
-    names, `hidden` the frames whose box is not ticked, `trails` those that draw where they were in
-    the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the scene;
-    `opacity` is that of axes and arrows, 0 to 1.
+    names, `hidden` the frames whose box is not ticked, `trails` the frames that draw where they
+    were in the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the
+    scene; axes and arrows have the `opacity`, 0 to 1.
 
     Cameras move along with the frame `follow`, and with `follow_yaw` turn with its heading.
-    `goal_topic`, `initial_pose_topic` and `point_topic` are those of the tools.
+    The tools publish on `goal_topic`, `initial_pose_topic` and `point_topic`.
 
-    `topics` are those whose messages are drawn, each with its settings. `shapes` of robots are
+    Messages of `topics` are drawn, each by its settings. `shapes` of robots are
     "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
-    are not drawn. The links of those that are drawn have axes, names and arrows with `link_axes`.
+    are not drawn. The links of drawn robots have axes, names and arrows with `link_axes`.
     """
 
     fixed_frame: str = ""
@@ -159,7 +159,7 @@ RANGES = {
     "quality": (5.0, 95.0),
 }
 
-# Of those whose name does not say it.
+# Of settings whose name does not say it.
 _UNITS = {"size": "cm", "voxel": "cm"}
 
 # Smaller cubes than points are wide are metres, taken for centimetres.
@@ -176,7 +176,7 @@ _OF_TOPIC = {
 
 
 def load_settings(path: Path) -> ViewSettings:
-    """The settings in a file; those it does not name have their defaults.
+    """The settings in a file; others have their defaults.
 
     Raises SettingsError if the file cannot be read or has a wrong name or value.
     """
@@ -230,7 +230,7 @@ def _read_topic(value: object) -> TopicSettings:
 
 def topic_named(text: str, settings: ViewSettings, namespace: str = "") -> TopicSettings:
     """The settings of a topic that is to be shown, from a text such as `points` or
-    `points:voxel=5,color=height`, over those that it has. `/points` is one of the `namespace`, or
+    `points:voxel=5,color=height`, over its former ones. `/points` is a topic of the `namespace`, or
     of another. Raises SettingsError.
     """
     topic, _, given = text.partition(":")
@@ -390,6 +390,6 @@ class ViewState:
             self.settings = replace(self.settings, topics=(*others, changed))
 
     def play(self, step: Callable[[Playback], Playback]) -> None:
-        """Replace the playback by what `step` makes of it."""
+        """Replace the playback by `step(playback)`."""
         with self._lock:
             self.playback = step(self.playback)

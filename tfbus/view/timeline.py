@@ -1,4 +1,4 @@
-"""The timeline of a recording: its span, how busy it was, and marks of what happened when.
+"""The timeline of a recording: its span, how busy it was, and marks of its events.
 
 Its events give most marks at once; gaps and how busy it was are in the index of its files.
 """
@@ -23,7 +23,7 @@ MarkKind = Literal["gone", "back", "restart", "conflict", "gap", "paused", "drop
 # In this order they stand in the legend; of marks in one place the first is named first.
 KINDS: tuple[MarkKind, ...] = get_args(MarkKind)
 
-# What happens within this time happens together.
+# Events within this time happen together.
 _TOGETHER_NS = 500_000_000
 
 _MOST_NAMED = 3
@@ -32,8 +32,8 @@ _MOST_NAMED = 3
 @dataclass(frozen=True)
 class Mark:
     """An event from `start_ns` to `end_ns`, by the log times of the recording; the two are the
-    same for what takes no time. `what` happened to the `streams`, if it is about some; `detail`
-    is what else to say.
+    same if it takes no time. `what` happened to the `streams`, if it is about some; `detail`
+    is a further clause.
     """
 
     kind: MarkKind
@@ -94,7 +94,7 @@ class Timeline:
 
 
 def in_order(marks: Iterable[Mark]) -> tuple[Mark, ...]:
-    """The marks by their starts; what happened to several streams at once is one."""
+    """The marks by their starts; an event of several streams at once is one mark."""
     whole: list[Mark] = []
     # A machine that leaves takes all its streams along.
     latest: dict[tuple[str, str], int] = {}
@@ -143,7 +143,7 @@ class _Sweep:
 
 
 def marks_of_events(events: Iterable[EventItem], end_ns: int) -> Iterator[Mark]:
-    """The marks of events, which come by their times; what lasts at the end lasts to `end_ns`."""
+    """The marks of events, which come by their times; open ones at the end last to `end_ns`."""
     sweep = _Sweep()
     for event in events:
         yield from _of_event(sweep, event)
@@ -306,7 +306,7 @@ def whole_timeline(
     end_ns = reader.end_ns
     marks = [*known.marks, *_restarted(restarts)]
     for name, found_ns in times.items():
-        # What is gone, or was not recorded, is marked as that.
+        # A stream that is gone, or was not recorded, is marked as that.
         gone = [Pause(mark.start_ns, mark.end_ns) for mark in known.marks if mark.is_gone(name)]
         marks += _silences(name, np.sort(np.concatenate(found_ns)), [*reader.pauses, *gone], end_ns)
     shown = cut_to(in_order(marks), known.start_ns, known.end_ns)
@@ -340,7 +340,7 @@ class _Activity:
 
 def _silences(name: str, log_ns: Ints, apart: Sequence[Pause], end_ns: int) -> Iterator[Mark]:
     """The gaps in a stream with messages at these log times, and its silence up to the end; a gap
-    begins, or ends, at what is `apart` from it.
+    begins, or ends, at a pause of `apart`.
     """
     least_ns = least_gap_between(waits_between(log_ns, apart).length_ns)
     waits = waits_between(np.append(log_ns, max(end_ns, int(log_ns[-1]))), apart)

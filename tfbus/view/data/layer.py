@@ -60,9 +60,9 @@ class PlacedItem:
 class TopicLayer:
     """The messages of one topic that are drawn: `placed` items by key, a `picture`, or log `lines`.
 
-    `drawn` messages were; `dropped` messages or markers were not, by reason. `columns` are those
-    that points can be coloured by, and `span` the numbers of the first and the last colour, if
-    numbers are coloured. `namespaces` are those of markers. `age_s` is how old the message
+    `drawn` messages were; `dropped` messages or markers were not, by reason. Points can be coloured
+    by `columns`, and `span` are the numbers of the first and the last colour, if
+    numbers are coloured. `namespaces` are the markers'. `age_s` is how old the message
     drawn last was then. `waits_in` is the frame of messages that wait for a transform for some
     time, `waiting_count` of them; "" if none does.
     """
@@ -101,7 +101,7 @@ class TopicLayer:
         return len(self._unplaced) + len(self.waiting)
 
     def was_sent(self, now_ns: int) -> None:
-        """Note that browsers get what is drawn, at this time of the bus."""
+        """Note that browsers get the drawn messages, at this time of the bus."""
         if self._newest_ns:
             self.age_s = (now_ns - self._newest_ns) / 1e9
             self._newest_ns = 0
@@ -116,8 +116,8 @@ class TopicLayer:
         *,
         pace_s: float | None = None,
     ) -> None:
-        """Take the messages that came, and place what is drawn; `now_s` is of the clock by which
-        they come, and `pace_s` of that by which they are drawn, the same by default.
+        """Take the messages that came, and place the drawn items; `now_s` is of the clock by which
+        they come, and `pace_s` of the one by which they are drawn, the same by default.
         """
         self._pace_s = now_s if pace_s is None else pace_s
         if fixed_frame != self._fixed_frame:
@@ -144,7 +144,7 @@ class TopicLayer:
         settings: TopicSettings,
         camera: messages.CameraInfo | None = None,
     ) -> None:
-        """Draw what came before, each message at its time."""
+        """Draw earlier messages, each at its time."""
         for buffer, came_s, came in past:
             for message in came:
                 self.waiting.put(message)
@@ -341,7 +341,7 @@ class TopicLayer:
             pose = self._pose(buffer, item, now_s, since_s)
             if pose is not None:
                 self._waits_for = self.waits_in = ""
-                # Those that decay are in their order.
+                # Items that decay are in their order.
                 self.placed.pop(key, None) if item.lifetime_s else None
                 self.placed[key] = PlacedItem(item, pose, ends_s)
                 del self._unplaced[key]
@@ -445,8 +445,8 @@ _CHANNELS = {"rgb": (0, 1, 2), "bgr": (2, 1, 0)}
 def picture_of(image: Image | CompressedImage) -> Picture:
     """The picture (H, W, 3) of an image, at most 1280 wide and high.
 
-    Depths and other numbers are from dark to bright, of those in the image. Raises ValueError for
-    an image that cannot be read.
+    Depths and other numbers are from dark to bright, by the range in the image. Raises ValueError
+    for an image that cannot be read.
     """
     if isinstance(image, CompressedImage):
         return _opened(image)
@@ -465,7 +465,7 @@ def picture_of(image: Image | CompressedImage) -> Picture:
     channels = pixels.shape[2]
     if channels < 3:
         return np.repeat(_bytes(pixels[:, :, 0], False)[:, :, None], 3, axis=2)
-    # Of OpenCV's names those with three channels are blue first.
+    # OpenCV's names with three channels are blue first.
     order = _CHANNELS["rgb" if encoding.startswith("rgb") else "bgr"]
     return np.ascontiguousarray(_bytes(pixels[:, :, order], encoding.endswith("16")))
 

@@ -144,7 +144,7 @@ def items_of(message: Any, settings: TopicSettings, into_fixed: Transform) -> li
     """The items of a message of any type but images, markers, odometry and logs.
 
     `into_fixed` is the pose of its frame in the fixed frame, by which heights are coloured. Raises
-    ValueError for what cannot be drawn.
+    ValueError for a message that cannot be drawn.
     """
     shapes, pose = _SHAPES[type(message)](message, settings, into_fixed)
     return [Item("", message.frame_id, message.stamp_ns, shapes, pose, settings.locked)]
@@ -397,8 +397,8 @@ FLAT = np.array((230, 120, 20), np.uint8)
 def span_of(
     numbers: NDArray[Any], least: float | None = None, most: float | None = None
 ) -> tuple[float, float]:
-    """The numbers of the first and the last colour: for None the lowest and the highest of those
-    (N,) that are finite, but for a hundredth of them.
+    """The numbers of the first and the last colour: for None the lowest and the highest of the
+    finite ones among `numbers` (N,), but for a hundredth of them.
     """
     if least is None or most is None:
         values = numbers.astype(np.float64)

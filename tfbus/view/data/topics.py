@@ -1,4 +1,4 @@
-"""The page's topics: subscriptions to what it can draw, and the publishers of RViz's tools."""
+"""The page's topics: subscriptions to drawable types, and the publishers of RViz's tools."""
 
 import math
 from collections import deque
@@ -53,7 +53,7 @@ MOST_BYTES = 32_000_000
 _EMPTY_BYTES = 100
 # Nobody has asked for the topics for so long: the nodes need not be watched.
 _UNASKED_S = 10.0
-# Those among which the newest is chosen that has a transform.
+# The newest message that has a transform is chosen among so many.
 MOST_CHOICES = 5
 
 
@@ -81,10 +81,12 @@ class DataSource(Protocol):
         """The messages of a topic that are to be drawn; None without a subscription."""
 
     def catch_up(self, now_s: float) -> float:
-        """Take what has come by now, of a steady clock; the time in s by which messages come."""
+        """Take the messages that have come by now, of a steady clock; the time in s by which they
+        come.
+        """
 
     def past(self, topic: str, settings: TopicSettings) -> Iterable[Past]:
-        """What came before and has to do with what is drawn, the oldest first."""
+        """The earlier messages that a drawing still needs, the oldest first."""
 
     def rejected(self, topic: str) -> int:
         """How many messages could not be read."""
@@ -98,7 +100,7 @@ class DataSource(Protocol):
 
 class Waiting:
     """The messages of a topic that are not drawn yet, of a type: in bounded number and bytes. The
-    newest stay; `dropped` older ones did not. `names` are those of the frames of its robot.
+    newest stay; `dropped` older ones did not. `names` translates the frames of its robot.
 
     Safe from any thread: messages come on one, and another draws.
     """
@@ -134,7 +136,7 @@ class Waiting:
         return taken
 
     def put_back(self, taken: list[Any]) -> None:
-        """Keep messages whose transform is not known yet, before those that came since."""
+        """Keep messages whose transform is not known yet, before newer ones."""
         sizes = list(map(size_of, taken))
         with self._lock:
             self._kept.extendleft(reversed(list(zip(taken, sizes, strict=True))))
@@ -190,7 +192,7 @@ def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
 class DataOnBus:
     """The topics of a node's bus; the nodes are asked for theirs while somebody wants to know.
 
-    With a `fleet`, frames of messages of its robots are those from outside: `robot7/lidar`.
+    With a `fleet`, frames of messages of its robots have their names from outside: `robot7/lidar`.
     """
 
     is_recorded = False

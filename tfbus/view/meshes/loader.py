@@ -177,7 +177,7 @@ def _end(process: "subprocess.Popen[bytes]") -> None:
     process.kill()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:
-            with suppress(OSError):  # what was not yet written
+            with suppress(OSError):  # of bytes not yet written
                 pipe.close()
     process.wait()
 
@@ -224,7 +224,7 @@ class MeshLoader:
 
     Senders take turns, by the time that their files have taken. A file that takes more than 10 s
     makes way, and is read once more beside the others, for at most 60 s: so a stranger's file holds
-    up those of others for a moment only. `fetch` gets those of other machines. With
+    up other senders' for a moment only. `fetch` gets the files of other machines. With
     `heeds_up_axis` a DAE is turned by the up axis that it states; RViz does not.
     """
 
@@ -418,7 +418,7 @@ class _Task:
         return self._reader.read(replace(request, beside=beside), self._left_s)
 
     def _beside(self, fetch: FetchBeside, name: str, read: ReadMesh) -> dict[str, bytes]:
-        """The files that a fetched mesh names, those that its robot has."""
+        """The files that a fetched mesh names, as far as its robot has them."""
         folder = name.rpartition("/")[0]
         found: dict[str, bytes] = {}
         for each, why in list(read.refused.items())[:_MOST_BESIDE]:

@@ -40,8 +40,8 @@ from tfbus.view.meshes.mesh import (
 
 
 class References(Resolver):
-    """The files beside a mesh file: those that came `beside` it, by their names, or those in its
-    `folder` and inside of `root`.
+    """The files beside a mesh file: sent `beside` it, by their names, or in its `folder` and inside
+    of `root`.
 
     `refused` says of each file that cannot be had why, by its name.
     """
@@ -342,7 +342,7 @@ def with_creases(
 
 
 def _places(vertices: NDArray[np.float32]) -> NDArray[np.int64]:
-    """A number for each vertex (V,), the same for those at one place."""
+    """A number for each vertex (V,), the same for vertices at one place."""
     # Adding 0 makes -0 to 0.
     bits = (vertices + np.float32(0.0)).view(np.uint32).astype(np.uint64)
     with np.errstate(over="ignore"):
@@ -388,7 +388,7 @@ def _smooth_corners(
 def _least_joined(
     count: int, one: NDArray[np.int64], other: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """The least number of those that each of `count` numbers is joined with, by pairs."""
+    """For each of `count` numbers the least number that it is joined with, by pairs."""
     label = np.arange(count)
     while True:
         least = np.minimum(label[one], label[other])

@@ -1,4 +1,4 @@
-"""The tab of messages: a box for each topic that can be drawn, and settings of those ticked."""
+"""The tab of messages: a box for each topic that can be drawn, and settings of ticked topics."""
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -31,8 +31,7 @@ _WITHOUT_LOCK = (
 class DataPanel:
     """A tab that is there once a topic has been that can be drawn.
 
-    It lists the topics, and below them has the settings of those that are ticked, the last at the
-    end.
+    It lists the topics, and below them has the settings of ticked topics, the last at the end.
     """
 
     title = "Data"
@@ -56,7 +55,7 @@ class DataPanel:
         channel.on("topic", self._tick)
 
     def refresh(self) -> None:
-        """Show the topics, and what is drawn of each."""
+        """Show the topics, and the counts of each."""
         topics = self._scenes.topics
         if topics and self._tab is None:
             self._tab = self._tabs.add_tab(self.title)
@@ -110,8 +109,8 @@ def _longest_above(topic: str, robots: Collection[str]) -> str:
 
 
 def topics_html(topics: Mapping[str, TopicInfo], shown: Collection[str], find: str = "") -> str:
-    """A box for each topic whose name or type has the text `find` in it: those that are `shown`
-    first, then those of no robot, then robot by robot, all by name.
+    """A box for each topic whose name or type has the text `find` in it: `shown` topics first, then
+    topics of no robot, then robot by robot, all by name.
     """
     robots = robots_of(topics)
     types = {topic: drawn_type(info) for topic, info in topics.items()}
@@ -196,7 +195,7 @@ class _TopicRow:
             scenes.show_picture[topic] = self._show_picture
 
     def refresh(self, layer: TopicLayer | None) -> None:
-        """Follow the settings, and say what is drawn."""
+        """Follow the settings, and show the layer's counts."""
         settings = self._view.settings.of_topic(self._topic)
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
@@ -273,13 +272,13 @@ class NumberOrAuto:
         Control(self._handle, self._typed)
 
     def show(self, value: float | None) -> None:
-        """Show the value that holds, but let what is half typed stay."""
+        """Show the value that holds, but let a half typed text stay."""
         if not self.mistake and _number_or_auto(self._handle.value) != value:
             self._handle.value = _AUTO if value is None else f"{value:g}"
 
     @property
     def mistake(self) -> str:
-        """What is wrong with the text; "" if nothing is."""
+        """The mistake in the text, as a sentence; "" for none."""
         try:
             _number_or_auto(self._handle.value)
         except ValueError:

@@ -129,7 +129,7 @@ def event(do: str, **values: str) -> str:
     return escape(f"tfbus({{{inside}}})")
 
 
-# Stamps before 1980 are not dates: simulated time begins at 0. Those after 9999 have none.
+# Stamps before 1980 are not dates: simulated time begins at 0. Stamps after 9999 have none.
 FIRST_DATE_NS = 315_532_800 * 1_000_000_000
 _MOST_DATE_S = 253_402_000_000
 
@@ -150,7 +150,7 @@ def clock_time(stamp_ns: int, now_ns: int) -> str:
 
 
 def _local(stamp_ns: int) -> datetime:
-    """The local time, to the second; the last that a datetime can hold for those after it."""
+    """The local time, to the second; the last that a datetime can hold for later stamps."""
     seconds = min(stamp_ns // 1_000_000_000, _MOST_DATE_S)
     return datetime.fromtimestamp(seconds, UTC).astimezone()
 

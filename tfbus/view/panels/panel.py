@@ -241,10 +241,10 @@ def headline_of(
     empty: str = WAITING,
     loading: str = "",
 ) -> str:
-    """The headline of the page, or what it waits for; `now_ns` is the time to judge a pause by.
+    """The headline of the page, or a note that it waits; `now_ns` is the time to judge a pause by.
 
-    `missing` frames have no place at the time shown, besides those of other trees. `empty` is what
-    to say without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
+    `missing` frames have no place at the time shown, besides frames of other trees. `empty` is the
+    headline without any frame, as HTML. `loading` says how far the meshes of robots are loaded.
     """
     loads = [f'<span class="tf-note-whole">loading {loading}</span>'] if loading else []
     if not len(frames):

@@ -84,7 +84,7 @@ class PlayerBar:
         }
         self._cursor.show(_call("tfbusCursor", state))
 
-    # What browsers ask for; numbers are checked, since any program may send an event
+    # Requests of browsers; numbers are checked, since any program may send an event
 
     def _on_play(self, event: Mapping[str, Any]) -> None:
         if event.get("plays") is True:
@@ -149,7 +149,7 @@ def _without_event(action: Callable[[], object]) -> Callable[[Any], None]:
 
 
 def _number(value: Any) -> float | None:
-    """A number that a browser sent, within what nanoseconds of 64 bits can hold; else None."""
+    """A number of seconds that a browser sent, if 64 bits can hold its nanoseconds; else None."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return None
     return float(value) if abs(value) < 9e9 else None

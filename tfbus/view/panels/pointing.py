@@ -49,10 +49,9 @@ class Pointing:
         self._axes_m = 0.0
 
     def use(self, fixed_frame: str, axes_m: float, met_by: Callable[[Ray], float]) -> None:
-        """Use what the browsers have aimed since, in a fixed frame, "" while there is none.
+        """Use the aims of browsers since the last call, in a fixed frame, "" while there is none.
 
-        `axes_m` is the length of axes, `met_by(ray)` the way in m to what is drawn of robots and
-        messages.
+        `axes_m` is the length of axes, `met_by(ray)` the way in m to shapes of robots and messages.
         """
         self._axes_m, self._met_by = axes_m, met_by
         if self._panel.take_clear():
@@ -129,7 +128,7 @@ class Pointing:
         return ""
 
     def _met(self, ray: Ray, *, ground_only: bool = False) -> tuple[Place, float] | None:
-        """The first place in a ray, on what is drawn or on the ground, and the way to it in m."""
+        """The first place in a ray, on a drawn shape or on the ground, and the way to it in m."""
         way_m = ray.to_ground()
         if not ground_only:
             way_m = min(way_m, self._met_by(ray))

@@ -181,7 +181,7 @@ class JointSliders:
 
 
 class RobotsPanel:
-    """The controls of all robots, and with `has_sliders` those of the one that is chosen."""
+    """The controls of all robots, and with `has_sliders` the joints' of the chosen one."""
 
     title = "Robot"
 

@@ -23,7 +23,7 @@ from tfbus.view.settings import ViewState
 # Names are typed letter by letter: the publishers follow once they have been left alone so long.
 _AFTER_S = 1.0
 
-# Aims that wait for the page; more are those of a script.
+# Aims that wait for the page; a script makes more.
 _MOST_AIMS = 20
 
 # The tool that sends nothing.
@@ -47,8 +47,8 @@ class Aim:
 
 
 class ToolsPanel:
-    """Buttons of the tools, their topics, and what was sent or measured last; without publishers
-    there is only what measures.
+    """Buttons of the tools, their topics, and the last messages and measures; without publishers
+    there is only the measuring tool.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class ToolsPanel:
         channel.on("unmeasure", self._clear)
 
     def refresh(self, now_s: float, subscribers: Callable[[str], int]) -> None:
-        """Follow the settings, and say what was sent; `now_s` is of a steady clock, and
+        """Follow the settings, and show the sent messages; `now_s` is of a steady clock, and
         `subscribers(topic)` how many subscriptions there are.
         """
         self._measured_line.show(_measured_html(self._measured))
@@ -109,15 +109,15 @@ class ToolsPanel:
         self._state.show(f'<div class="tf" role="log" aria-label="sent">{"".join(lines)}</div>')
 
     def note(self, tool: Tool, sent: str) -> None:
-        """Say what was sent last by a tool."""
+        """Show the last message of a tool."""
         self._sent[tool.name] = sent
 
     def note_measured(self, text: str) -> None:
-        """Say what was measured last."""
+        """Show the last measure."""
         self._measured = text
 
     def take_clear(self) -> bool:
-        """Whether a browser asked since the last call to remove what is measured."""
+        """Whether a browser asked since the last call to remove the measure."""
         was, self._is_cleared = self._is_cleared, False
         return was
 

@@ -86,8 +86,8 @@ class TreePanel:
                     element.show(content)
 
     def _add(self, client: viser.ClientHandle, shown: Sequence[str]) -> list[Html]:
-        """The elements of a browser: the tree, and what can be done with the frame that is selected
-        there, and its facts. With their content at once: a busy browser may mistake the order of
+        """The elements of a browser: the tree, and the actions and facts of the frame that is
+        selected there. With their content at once: a busy browser may mistake the order of
         messages, and loses changes of elements that it does not have yet.
         """
         with self._tab:

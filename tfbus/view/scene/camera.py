@@ -1,4 +1,4 @@
-"""A browser's camera: the part of the scene it sees, where it starts, what its rays meet first."""
+"""A browser's camera: the part of the scene it sees, its start, and the first hits of its rays."""
 
 import math
 import time
@@ -39,7 +39,7 @@ class Ray:
         return float(np.linalg.norm(self.direction - other.direction)) / self.pixel_rad
 
     def seen_from(self, pose: Transform) -> "Ray":
-        """The ray in the coordinates of a pose, itself in those of the ray."""
+        """The ray in the coordinates of a pose; the pose is in the ray's former ones."""
         back = pose.inverse()
         return Ray(back.apply(self.origin), back.rotate(self.direction), self.pixel_rad)
 
@@ -208,13 +208,13 @@ def around(one: Region, other: Region) -> Region:
     return Region(one.middle + part * (other.middle - one.middle), radius_m)
 
 
-# Farther from the middle of frames than so many radii they would be lost in what is seen.
+# Farther from the middle of frames than so many radii they would be lost in the view.
 _LOST = 8.0
 
 
 def with_points(frames: Region, xyz: Floats) -> Region:
-    """The ball around frames and the points (N, 3) of messages; those that are very far away from
-    the frames, as a single wrong one may be, are left out.
+    """The ball around frames and the points (N, 3) of messages; points very far away from the
+    frames, as a single wrong one may be, are left out.
     """
     apart_m = np.linalg.norm(xyz - frames.middle, axis=1)
     near = xyz[apart_m <= _LOST * frames.radius_m]
@@ -328,7 +328,7 @@ class Cameras:
         _move(camera, self.fixed.apply(position), self.fixed.apply(look_at))
 
     def carry(self, moved: Transform) -> None:
-        """Keep what all browsers see, when the fixed frame has another place in the scene.
+        """Keep the views of all browsers, when the fixed frame has another place in the scene.
 
         `moved` is the pose of the former fixed frame in the new one.
         """
@@ -374,7 +374,7 @@ class Cameras:
         self.fixed = self._held @ at.inverse()
 
     def refit(self, region: Region) -> None:
-        """Let all browsers see this ball whole: it has nothing to do with what they saw before."""
+        """Let all browsers see this ball whole: it has nothing to do with their former views."""
         for client in self._server.get_clients():
             self.show(client, region)
         self._start_at(region)
@@ -409,5 +409,5 @@ def _overview(region: Region, aspect: float = 1.0) -> tuple[Floats, Floats]:
 
 
 def _move(camera: Any, position: Floats, look_at: Floats) -> None:
-    # In this order: viser moves what a camera looks at with its position.
+    # In this order: viser moves the point that a camera looks at with its position.
     camera.position, camera.look_at = position, look_at

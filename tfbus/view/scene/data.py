@@ -34,7 +34,7 @@ _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
-# Nodes that begin with the view have said what they publish by then.
+# Nodes that begin with the view have told their topics by then.
 _ABSENT_AFTER_S = 5.0
 
 
@@ -51,8 +51,8 @@ class _Sight:
 class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
-    `topics` are those that can be drawn, `layers` what is drawn of those that are wanted;
-    `ever_drawn` are those that had something in the scene. Pictures
+    `topics` can be drawn, `layers` are the drawings of the wanted ones;
+    `ever_drawn` topics had something in the scene. Pictures
     of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
     the mesh of a file of a robot, why there is none, or None while it is loaded.
     """
@@ -96,8 +96,8 @@ class DataScenes:
         is_held: bool,
         is_watched: bool,
     ) -> None:
-        """Draw by these settings; ask for topics, and subscribe, only while somebody looks. Of
-        those to draw from the start, it is said once which are not there.
+        """Draw by these settings; ask for topics, and subscribe, only while somebody looks. Topics
+        to draw from the start that are not there are named once.
         """
         shown = [each.topic for each in settings.topics if each.shown]
         if is_watched or (shown and not self._has_warned):
@@ -146,9 +146,7 @@ class DataScenes:
         }
 
     def met_by(self, ray: Ray) -> float:
-        """The way in m along a ray of the fixed frame to what is drawn of messages; infinity for
-        none.
-        """
+        """The way in m along a ray of the fixed frame to the shapes of messages; infinity for none."""
         ways = [
             way_to(ray.seen_from(placed.pose), shape)
             for layer in self.layers.copy().values()
@@ -252,7 +250,7 @@ class DataScenes:
                 ):
                     layer = self._begun(topic, waiting, sight.fixed_frame, chosen[topic])
                 layers[topic] = layer
-        # A browser that comes back finds what it left.
+        # A browser that comes back finds its layers again.
         kept = {name: each for name, each in self.layers.items() if name in chosen}
         self.layers = kept | layers
         for topic, layer in layers.items():
@@ -279,7 +277,7 @@ class DataScenes:
     def _begun(
         self, topic: str, waiting: Waiting, fixed_frame: str, settings: TopicSettings
     ) -> TopicLayer:
-        """A layer with what came before."""
+        """A layer with the earlier messages."""
         layer = TopicLayer(waiting)
         try:
             past = self._source.past(topic, settings)

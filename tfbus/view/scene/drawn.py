@@ -55,7 +55,7 @@ class Guest(Protocol):
         """Whether the tab is of any use now."""
 
     def add_controls(self, gui: viser.GuiApi, channel: Channel) -> None:
-        """Add the controls, inside a new tab; those of a former tab are gone."""
+        """Add the controls, inside a new tab; a former tab's are gone."""
 
     def refresh(self) -> None:
         """Bring the controls up to date."""
@@ -90,7 +90,7 @@ class Shape:
 
 
 class Drawn:
-    """Shapes by name, in the axes of their frames; those of frames without a place are hidden.
+    """Shapes by name, in the axes of their frames; they are hidden if their frame has no place.
 
     Safe from any thread.
     """

@@ -49,7 +49,7 @@ class _DrawnItem:
 
 
 class NotDrawnError(ValueError):
-    """A message asks for something that is not drawn; it says what."""
+    """A message asks for something that is not drawn; the text names it."""
 
 
 class DrawnItems:
@@ -118,7 +118,7 @@ class DrawnItems:
         former: PlacedItem | None = None,
         handles: list[Any] | None = None,
     ) -> list[Any]:
-        """Add the shapes, in the place of those of the `former` item, which have these handles."""
+        """Add the shapes, in the place of the `former` item's, which have these handles."""
         there = [shape for shape in former.item.shapes if not _is_empty(shape)] if former else []
         made: list[Any] = []
         for shape in placed.item.shapes:

@@ -24,11 +24,11 @@ from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.drawn import FIXED_NODE, unit_mesh
 from tfbus.view.settings import ViewSettings
 
-# For shapes without a colour, and for those that collide.
+# For shapes without a colour, and for colliding ones.
 _GREY = (180, 182, 186)
 _COLLIDES = (70, 150, 190)
 
-# Where visuals are seen too, collisions are seen through.
+# If visuals are seen too, collisions are seen through.
 _THROUGH = 0.35
 
 # Fading is sent in steps of this size.
@@ -65,7 +65,7 @@ class _Node:
 
 @dataclass(eq=False)
 class _AwaitedMesh:
-    """A mesh that is being loaded, and what to do with its parts."""
+    """A mesh that is being loaded, and the shape that its parts make."""
 
     source: MeshSource
     shape: Visual | Collision
@@ -106,11 +106,11 @@ class RobotScene:
         self._count = 0
         self.show(Look(), True)
 
-    # What it consists of
+    # Its parts
 
     @property
     def sources(self) -> Collection[MeshSource]:
-        """The mesh files that it needs, for what is shown."""
+        """The mesh files that it needs, for the shown shapes."""
         return self._sources.keys()
 
     @property
@@ -128,7 +128,7 @@ class RobotScene:
         return np.concatenate(found)
 
     def met_by(self, ray: Ray, placed: Placed) -> float:
-        """The way in m along a ray of the fixed frame to what is drawn of it; infinity for none."""
+        """The way in m along a ray of the fixed frame to its shown shapes; infinity for none."""
         ways = [math.inf]
         for node in self.nodes:
             row = placed.index.get(self.robot.frame_of(node.link))
@@ -260,7 +260,7 @@ class RobotScene:
                 )
                 self._keep(shape, handle, 1.0, surface, part)
                 continue
-            # As in RViz, what the mesh says goes first.
+            # As in RViz, the mesh's colour goes first.
             color = part.color or getattr(shape, "color", None)
             opacity = part.opacity if part.color else getattr(shape, "opacity", 1.0)
             handle = self._add_part(shape, part, self._color(shape, color))
@@ -332,7 +332,7 @@ def _shows(shown: Shown, is_collision: bool) -> bool:
 
 
 def _set(handle: Any, is_shown: bool, opacity: float | None) -> None:
-    """Set only what changes: each change is a message to all browsers."""
+    """Set only values that change: each change is a message to all browsers."""
     if opacity is not None:
         wanted = None if opacity >= 1.0 else round(opacity, 3)
         if handle.opacity != wanted:
@@ -400,7 +400,7 @@ class RobotScenes:
         self._loader.close()
         self.source.close()
 
-    # What is drawn
+    # Drawing
 
     def look(self, settings: ViewSettings) -> bool:
         """Add robots that have come, and remove those that have left; whether there were any."""
@@ -459,7 +459,7 @@ class RobotScenes:
             if mesh.name == name:
                 return robot.source_of(mesh)
         package, inside = parts_of(name)
-        # Anyone on the bus names files: none is opened but those in packages, and below the folders
+        # Anyone on the bus names files: none is opened but files in packages, and below the folders
         # that the user has named.
         with suppress(OSError, ValueError):  # no file can have such a name
             for robot, mesh in meshes:
@@ -524,7 +524,7 @@ class RobotScenes:
             placed = self._still[robot] = Placed(names, xyz, quat, {})
         return placed
 
-    # What there is
+    # Frames and meshes
 
     @property
     def frames(self) -> frozenset[str]:

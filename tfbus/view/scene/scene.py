@@ -425,7 +425,7 @@ _LONGEST = 32
 
 
 class FrameLabels:
-    """The names in the scenes of all browsers: those that can be read from each one's camera."""
+    """The names in the scenes of all browsers, as far as each one's camera can read them."""
 
     def __init__(
         self,
@@ -496,7 +496,7 @@ class Labels:
                 label.text = text
 
     def move(self, placed: Placed, size: float, fixed: Transform) -> None:
-        """Keep the names above their frames; remove those of frames without a place."""
+        """Keep the names above their frames; remove the names of frames without a place."""
         for name in list(self._shown):
             row = placed.index.get(name)
             if row is None:
@@ -516,8 +516,8 @@ def readable(
 ) -> dict[str, str]:
     """The names to write, by frame: none over another, none out of sight.
 
-    First the selected frame, then those that are stale, gone or in conflict, then those `shown`
-    already, then the nearest.
+    First the selected frame, then stale, gone or conflicting ones, then names `shown` already, then
+    the nearest.
     """
     rows = range(len(frames)) if settings.names else _selected(frames, settings.selected)
     if not rows:

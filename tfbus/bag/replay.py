@@ -96,7 +96,7 @@ class Republisher:
         self._described = _descriptions(reader)
         self._epochs = StreamEpochs(_epochs(reader))
         self._streams: dict[str, ReplayedStream] = {}
-        # The recorded names of streams by those that they have on the bus.
+        # The recorded names of streams by their names on the bus.
         self._old_names: dict[str, str] = {}
         self._statics: dict[str, tuple[object, ...]] = {}
         self._topics: dict[str, RawPublisher | None] = {}

@@ -1,7 +1,7 @@
 """The `tfbus` command: finds the subcommand and imports only that one.
 
 Subcommands are the tools listed here, and every node of the entry-point group `tfbus.nodes`, ours
-and those of other packages.
+and other packages'.
 
 A command or an option that is not there is answered with a near name, all names, or a hint.
 """
@@ -43,7 +43,7 @@ _OF_MANY = {
 
 
 class Answering(click.Command):
-    """A command that answers options of ROS that it does not have: by its `hints`, or those of
+    """A command that answers options of ROS that it does not have: by its `hints`, or the hints of
     many commands.
     """
 
@@ -88,7 +88,7 @@ class Verbs(click.Group):
         return did_you_mean(name, self.list_commands(ctx))
 
 
-# What a write to a full disk fails with.
+# The errors of a write to a full disk.
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 NODE_GROUP = "tfbus.nodes"
@@ -140,7 +140,7 @@ NODES = {
 }
 
 
-# The commands by what they are for, those that matter first in front.
+# The commands by their purpose, the most needed in front.
 JOBS = {
     "Begin here": ("launch", "view", "frames", "echo", "doctor"),
     "Look into it": ("top", "monitor", "why", "plot", "node", "topic", "service", "param", "call"),
@@ -188,7 +188,7 @@ class Commands(Verbs):
         except OSError as error:
             if error.errno not in _FULL:
                 raise
-            # Python writes what is left in its buffers at its end, and would fail once more.
+            # Python writes the rest of its buffers at its end, and would fail once more.
             os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             raise click.ClickException(f"the output cannot be written: {error.strerror}") from error
         except click.exceptions.NoArgsIsHelpError:
@@ -247,7 +247,7 @@ class Commands(Verbs):
                     formatter.write_dl(list(commands.items()))
 
 
-# Names in ROS of what is a command here.
+# Names in ROS of commands here.
 CALLED_IN_ROS = {
     "action": "call",
     "action info": "service info",
@@ -357,7 +357,7 @@ def _print_version(context: click.Context) -> None:
 
 
 def entry_points() -> dict[str, Any]:
-    """The nodes of the entry-point group by name: ours and those of other packages."""
+    """The nodes of the entry-point group by name: ours and other packages'."""
     from importlib import metadata  # 10 ms that most commands do not need
 
     return {point.name: point for point in metadata.entry_points(group=NODE_GROUP)}

@@ -1,6 +1,6 @@
 """The bus that a command looks at, by a session or a listener, or a recording of it.
 
-Zenoh is imported with the first look at a bus, and what reads frames with the first at a recording:
+Zenoh is imported with the first look at a bus, and readers of frames with the first at a recording:
 no command needs both, and none for its help.
 """
 
@@ -72,8 +72,8 @@ def look(session: "Session", *, warns: bool = True) -> Graph:
 
 
 def warn_if_starved(names: Collection[str]) -> None:
-    """Warn that what a command calls gone, robots or frames by their names, may be there, if
-    this host was too busy for the command to hear of them.
+    """Warn that robots or frames that a command calls gone may be there, if this host was too busy
+    for the command to hear of them.
     """
     starved_s = scheduler.longest_wait_for_cpu_s() if names else 0.0
     if starved_s > _STARVED_S:

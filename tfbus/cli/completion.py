@@ -73,7 +73,7 @@ complete -o nosort -F _tfbus_completion %(prog_name)s
 """
 
     def written(self, value: str) -> str:
-        """The part of the candidate that replaces what bash takes for the word."""
+        """The part of the candidate that replaces the word as bash sees it."""
         line = os.environ.get("TFBUS_LINE", "")
         if quote := _open_quote(line):
             return _within(quote, value)
@@ -155,7 +155,7 @@ SHELLS: dict[str, type[_Shell]] = {"bash": Bash, "zsh": Zsh, "fish": Fish}
 for _each in SHELLS.values():
     add_completion_class(_each)
 
-# The end of a word in bash, with escaped blanks; and what must be escaped.
+# The end of a word in bash, with escaped blanks; and the characters to escape.
 _LAST_WORD = re.compile(r"(?:\\.|[^\s\\])*$")
 _SPECIAL_IN_QUOTES = re.compile(r'([\\"$`])')
 _SPECIAL = re.compile(r"([^\w@%+=:,./-])")

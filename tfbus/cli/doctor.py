@@ -1,4 +1,4 @@
-"""`tfbus doctor`: what is wrong with this bus, the evidence, and what to do."""
+"""`tfbus doctor`: the problems of this bus, the evidence, and the remedies."""
 
 import re
 import time
@@ -245,7 +245,7 @@ def _print(seen: Examination, names: tuple[str, ...], as_json: bool) -> None:
     else:
         print_lines([_scope(seen)])
         shortened = _Shortened(seen)
-        # Of all checks, those that cannot be made of a recording are one line.
+        # Of all checks, the ones that cannot be made of a recording are one line.
         left_out = [name for name, each in findings.items() if each == OF_A_BUS]
         alone = len(left_out) == len(findings)
         for name, finding in findings.items():
@@ -269,8 +269,8 @@ def _scope(seen: Examination) -> str:
 
 
 class _Shortened:
-    """Findings for a screen: the first sentences of each; of a fleet, what is wrong with many
-    robots alike is one.
+    """Findings for a screen: the first sentences of each; of a fleet, the same problem of many
+    robots is one.
     """
 
     def __init__(self, seen: Examination) -> None:

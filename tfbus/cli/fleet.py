@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 # the robots' streams and nodes for each page.
 _MOST_FOR_FRAMES, _FRAMES_EVERY_S = 0.05, 10.0
 
-# How a page that is no terminal's is cut, and what stands on it besides robots.
+# The lines of a page that is no terminal's, and its lines besides robots.
 _LINES, _BESIDE_ROBOTS = 24, 4
 
 # Tools that list frames show robots instead, if a pipe would get more frames than this.
@@ -180,7 +180,7 @@ def _watch(
 
 class _Lost:
     """The robots that are gone or missing, and the commands that run when one is, and when it is
-    back. One that never came is missing only `grace_s` seconds from now on: it may be booting.
+    back. A robot that never came is missing only `grace_s` seconds from now on: it may be booting.
     """
 
     def __init__(self, on_gone: str | None, on_back: str | None, grace_s: float) -> None:

@@ -78,7 +78,7 @@ def find_call(text: str) -> type:
 def find_type(text: str, otherwise: str = "") -> type:
     """The type that `Pose`, ROS's `sensor_msgs/msg/Imu`, or `my_robot.messages:Battery` stands for.
 
-    Raises click.UsageError, which says what else to do.
+    Raises click.UsageError with a hint.
     """
     module, colon, name = text.partition(":")
     if colon:
@@ -141,7 +141,7 @@ def encode_values(values: Mapping[str, Any], what: str) -> bytes:
 
 def complete_values(values: Mapping[str, Any], message_type: type) -> dict[str, Any]:
     """The fields of a message of this type, with defaults for missing ones, or zeros; they may be
-    those that ROS has of it, `{header: {frame_id: map}, ...}`, or have their former names.
+    ROS's fields of it, `{header: {frame_id: map}, ...}`, or have their former names.
 
     Raises click.UsageError if the values are no such message.
     """
@@ -310,7 +310,7 @@ def is_of_type(announced: str, type_name: str) -> bool:
 
 
 def names_of_type(known: Mapping[str, _HasTypes], type_name: str, kind: str) -> list[str]:
-    """The names of those of this type.
+    """The names of the topics or services of this type.
 
     Raises BusError, with a near type, if there is none; `kind` is "topic" or "service".
     """
@@ -488,7 +488,7 @@ def _plain(value: Any) -> Any:
 
 
 def print_type(type_: type, *, as_json: bool) -> None:
-    """Print what a type is for, and the fields of each of its parts."""
+    """Print the purpose of a type, and the fields of each of its parts."""
     if as_json:
         parts = [asdict(part) for part in parts_of(type_)]
         print_json({"type": type_.__qualname__, "doc": doc_of(type_), "parts": parts})

@@ -1,4 +1,4 @@
-"""`tfbus node`: the nodes on the bus or in a recording, and what one of them does."""
+"""`tfbus node`: the nodes on the bus or in a recording, and the interfaces of one."""
 
 import time
 from collections import Counter

@@ -1,6 +1,6 @@
 """The output of all tools: plain in a pipe; coloured, and no wider than it, in a terminal.
 
-`paint` is for a word, `table` for rows, `yaml_text` for values, `say` and `warn` for what goes to
+`paint` is for a word, `table` for rows, `yaml_text` for values, `say` and `warn` for sentences on
 stderr. click removes colours if stdout is not a terminal, `NO_COLOR` (https://no-color.org)
 everywhere.
 """
@@ -44,7 +44,7 @@ _STATE_ROLES = {
 # Between two columns of a table.
 _GAP = "  "
 
-# What may stay in a line besides what can be printed: the styles of `paint`, tabs and line ends.
+# These stay in a line besides printable characters: the styles of `paint`, tabs and line ends.
 _KEPT = re.compile(r"(\x1b\[\d+m|[\t\n])")
 
 # The longest sentence of an error or a warning.
@@ -53,8 +53,8 @@ _LONGEST_SENTENCE = 2000
 # A page that is shown again and again has at most as many lines.
 _MOST_LINES = 500
 
-# What a terminal obeys: its alternate screen with the cursor hidden, and the way back; to the top
-# left; to clear what is left of a line, and of the screen.
+# Commands of a terminal: its alternate screen with the cursor hidden, and the way back; to the top
+# left; to clear the rest of a line, and of the screen.
 _ENTER_SCREEN, _LEAVE_SCREEN = "\x1b[?1049h\x1b[?25l", "\x1b[?25h\x1b[?1049l"
 _TO_THE_TOP, _TO_REST_OF_LINE, _TO_REST_OF_SCREEN = "\x1b[H", "\x1b[K", "\x1b[K\x1b[J"
 
@@ -164,7 +164,7 @@ def warn(what: object) -> None:
 
 
 def say(what: object) -> None:
-    """Print to stderr what the tool is doing, such as what it waits for."""
+    """Print a sentence on the tool's work to stderr, as that it waits for a topic."""
     click.echo(paint(sentence(what), "faint"), err=True)
 
 
@@ -220,7 +220,7 @@ def table(
     """Lines of columns under headings; cells may be painted.
 
     The columns of index `right` are aligned to the right. If a line is longer than `longest` (None:
-    `longest_line()`), the widest columns are cut; those of index `names` so that different ones
+    `longest_line()`), the widest columns are cut; columns of index `names` so that different cells
     stay different, even if the line is longer then.
     """
     room = (longest_line() if longest is None else longest) - len(_GAP) * (len(headings) - 1)

@@ -193,8 +193,8 @@ def container_command(file: str, arguments: tuple[str, ...], extras: str) -> Non
 
 
 def _path() -> str:
-    """The PATH of a service: first the programs beside this Python, such as `tfbus`, which those of
-    systemd's own are not.
+    """The PATH of a service: first the programs beside this Python, such as `tfbus`, which are not
+    in systemd's own PATH.
     """
     return f"{Path(sys.executable).parent}:/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin"
 

@@ -1,4 +1,4 @@
-"""`tfbus why`: the path of a lookup, edge by edge, why it fails, and what to do."""
+"""`tfbus why`: the path of a lookup, edge by edge, why it fails, and the remedies."""
 
 from dataclasses import asdict, replace
 from pathlib import Path

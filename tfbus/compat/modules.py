@@ -1,7 +1,7 @@
 """Modules with ROS's names: made from definitions of interfaces, or the same as another one.
 
 `tfbus.compat.nav_msgs.msg` has the class Odometry without a file of its own; a module's answer to a
-name that it lacks says what does the same.
+name that it lacks names a substitute.
 """
 
 import importlib
@@ -21,7 +21,7 @@ from tfbus.ros.message_classes import PACKAGE, interface_class
 
 def missing_names(module: str, instead: Mapping[str, str], otherwise: str) -> Callable[[str], Any]:
     """The module's `__getattr__`: imports a module of a package when it is used first, as ROS's
-    packages do at once. Its error says what does the same: `instead` by name, and `otherwise` of
+    packages do at once. Its error names a substitute: `instead` by name, and `otherwise` of
     all other names that look like ROS's.
     """
 
@@ -35,7 +35,7 @@ def missing_names(module: str, instead: Mapping[str, str], otherwise: str) -> Ca
 
 def raise_missing(module: str, name: str, instead: str) -> NoReturn:
     """Raise the error for a name that a module has not."""
-    if name.startswith("_"):  # what the import system and inspect ask of any module
+    if name.startswith("_"):  # as the import system and inspect ask of any module
         raise AttributeError(f"module {module!r} has no attribute {name!r}")
     # Of an AttributeError `from ... import` would not show the sentence.
     raise ImportError(f"{module} has no {name}: {instead}", name=name)
@@ -44,11 +44,11 @@ def raise_missing(module: str, name: str, instead: str) -> NoReturn:
 def _is_module(name: str) -> bool:
     try:
         return find_spec(name) is not None
-    except ModuleNotFoundError:  # what should hold it is no package
+    except ModuleNotFoundError:  # its parent is no package
         return False
 
 
-# Packages that programs import beside tf2_ros, and what does the same here.
+# Packages that programs import beside tf2_ros, and their substitutes here.
 _INSTEAD = {
     "tf2_kdl": "tfbus.Robot has the kinematics of a URDF",
     "tf2_eigen": "it is for C++; arrays of numpy are what transform.apply takes",

@@ -1,7 +1,7 @@
 """ROS's tf2_geometry_msgs: transforms of its messages; importing it lets `Buffer.transform` do so.
 
-Messages of ROS itself work as well; what comes back is of the type that was given, with the header
-of the transform. Nothing that is given is changed.
+Messages of ROS itself work as well; the result is of the type that was given, with the header of
+the transform. No argument is changed.
 """
 
 from typing import Any

@@ -35,14 +35,14 @@ __all__ = [
 
 Vector = tuple[float, float, float]
 
-# The parameters that errors of tfbus advise, and what a program with ROS's names writes.
+# The parameters that errors of tfbus advise, and the words of a program with ROS's names.
 _IN_ROS = {
     "timeout_s": " (timeout=Duration(seconds=...))",
     "stamp_ns=None": ", Time()",
     "cache_time_s": " (cache_time)",
 }
 
-# What tf2 says of times outside of the samples; programs look for it.
+# The sentences of tf2 for times outside of the samples; programs look for them.
 _BEGINNINGS: dict[type[TransformException], str] = {
     PastExtrapolationException: "Lookup would require extrapolation into the past: ",
     FutureExtrapolationException: "Lookup would require extrapolation into the future: ",
@@ -67,8 +67,9 @@ class BufferCore:
     def set_transform(self, transform: Any, authority: str) -> None:
         """Store a transform, of ROS's layout; one older than the cache is logged and left out.
 
-        Raises InvalidArgumentException for what tf2 drops with a line in the log: a frame that is
-        its own parent, numbers that are not finite, a quaternion not of length 1, a leading slash.
+        Raises InvalidArgumentException for transforms that tf2 drops with a line in the log: a
+        frame that is its own parent, numbers that are not finite, a quaternion not of length 1, a
+        leading slash.
         """
         if not self._buffer.set_transform(stamped_of(transform), authority=authority):
             self._once.warning(

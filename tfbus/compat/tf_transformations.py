@@ -1,7 +1,7 @@
 """ROS's tf_transformations: rotations and matrices as arrays.
 
 Quaternions are x, y, z, w; matrices are (4, 4), and map column vectors. `axes` names the order of
-Euler angles: s for fixed axes or r for those that turn along, then three letters, as "sxyz".
+Euler angles: s for fixed axes or r for axes that turn along, then three letters, as "sxyz".
 """
 
 import math
@@ -308,7 +308,7 @@ def projection_matrix(
 
 
 def projection_from_matrix(matrix: Any, pseudo: bool = False) -> tuple[Any, Any, Any, Any, bool]:
-    """The point, normal, direction and eye of a projection, None for what it lacks; `pseudo`."""
+    """The point, normal, direction and eye of a projection, each None if it lacks it; `pseudo`."""
     m = np.asarray(matrix, float)
     if np.allclose(m[3], (0, 0, 0, m[3, 3])):
         along = _eigenvector(m[:3, :3] / m[3, 3], 0.0)
@@ -409,7 +409,7 @@ def decompose_matrix(matrix: Any) -> tuple[Any, Any, Any, Any, Any]:
         affine[3] = perspective
         perspective = np.linalg.solve(affine.T, m[3])
         m = affine
-    # A rotation and what is left of it: scales, and shears above the diagonal.
+    # A rotation and the rest: scales, and shears above the diagonal.
     rotation, upper = np.linalg.qr(m[:3, :3])
     signs = np.where(np.diag(upper) < 0.0, -1.0, 1.0)
     rotation, upper = rotation * signs, upper * signs[:, None]
@@ -437,7 +437,7 @@ def orthogonalization_matrix(lengths: Sequence[float], angles: Sequence[float]) 
 
 
 def superimposition_matrix(v0: Any, v1: Any, scaling: bool = False, usesvd: bool = True) -> Any:
-    """The matrix that moves points (3, N) onto others with the least squares of what is left.
+    """The matrix that moves points (3, N) onto others with the least squares of the distances.
 
     Kabsch's and Umeyama's; `scaling` lets it make larger, too.
     """

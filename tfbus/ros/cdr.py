@@ -9,7 +9,7 @@ import struct
 from tfbus.base.errors import DecodeError
 from tfbus.base.wording import counted, printable
 
-# What begins a message: the way it is encoded, and two bytes that say nothing here. All alignment
+# The head of a message: the way it is encoded, and two bytes that say nothing here. All alignment
 # counts from behind it.
 HEADER = b"\x00\x01\x00\x00"
 HEADER_SIZE = len(HEADER)

@@ -367,7 +367,7 @@ def _refusing(definition: Definition, of_ros: _OfRos) -> _OfRos:
     return refuse
 
 
-# The exceptions: fields that ROS lacks, with what they are in a message of ROS, and types whose
+# The exceptions: fields that ROS lacks, with their values for a message of ROS, and types whose
 # content ROS has in other fields.
 _ADDED: Mapping[str, Mapping[str, Any]] = {"Pose": {"stamp_ns": 0}}
 # Fields that ours got later than others, with their values in messages of an old publisher.
@@ -398,7 +398,7 @@ LIVE_COUNTERPARTS: Mapping[str, Counterpart] = {
     name: _counterpart(each) for name, each in vars(messages).items() if hasattr(each, "__ros__")
 }
 
-# Those that are the same in ROS, bit by bit: a recording has them so.
+# The types that are the same in ROS, bit by bit: a recording has them so.
 COUNTERPARTS: Mapping[str, Counterpart] = {
     name: each for name, each in LIVE_COUNTERPARTS.items() if name not in _NOT_RECORDED
 }
@@ -407,7 +407,7 @@ _STAMPED = {
     each.definition.name: each for name, each in COUNTERPARTS.items() if each.definition != STRING
 }
 
-# The same by the names of the types in ROS: those of which each topic has one meaning.
+# The same by the names of the types in ROS: the types of which each topic has one meaning.
 BY_ROS_TYPE: Mapping[str, Counterpart] = {
     each.definition.name: each
     for each in LIVE_COUNTERPARTS.values()

@@ -21,7 +21,7 @@ _TABLE = Path(__file__).parent / "interfaces"
 # Names may come from a bus: at most as many packages and definitions are remembered.
 _MOST_REMEMBERED = 1000
 
-# The parts of a file, separated by ---, and what the message of each is called behind its name.
+# The parts of a file, separated by ---, and the suffix of each part's message.
 _PARTS = {
     "msg": ("",),
     "srv": ("_Request", "_Response"),
@@ -144,7 +144,7 @@ def known_definition(name: str) -> Definition:
     return definition
 
 
-# Any value, in MessagePack: what a ROS message cannot express otherwise.
+# Any value, in MessagePack: for values that a ROS message cannot express otherwise.
 MSGPACK = Definition("tfbus_msgs/msg/Msgpack", "uint8[] data\n")
 
 TF_MESSAGE = known_definition("tf2_msgs/msg/TFMessage")

@@ -27,9 +27,9 @@ Convert = Callable[[Any, str], Any]
 class FieldCodec:
     """A field's values.
 
-    `make()` is the value of a new message. `write(value, path)` makes what goes over the bus, and
-    raises TypeError or ValueError; `read(value, path)` makes the value of it, and raises
-    DecodeError. `accept`, if there is one, makes the value of what a program assigns.
+    `make()` is the value of a new message. `write(value, path)` makes the value for the bus, and
+    raises TypeError or ValueError; `read(value, path)` reverses it, and raises
+    DecodeError. `accept`, if there is one, converts a value that a program assigns.
     `check_names(value, path)`, if there are messages in it, raises DecodeError for a field that
     one of them does not have.
     """
@@ -174,7 +174,7 @@ def _message(cls: type[Any]) -> FieldCodec:
 
 
 def _read(write: Convert) -> Convert:
-    """Reads what `write` takes as well."""
+    """The reader of values that `write` takes as well."""
 
     def read(value: Any, path: str) -> Any:
         try:

@@ -19,7 +19,7 @@ from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import DecodeError
 from tfbus.base.wording import printable
 
-# Between a definition and those of the messages in it.
+# Between a definition and the definitions of the messages in it.
 SEPARATOR = "=" * 80
 
 # As struct has them, by the names in ROS.
@@ -42,7 +42,7 @@ SCALARS = {
 # Sequences of these are bytes.
 OCTETS = frozenset(("byte", "char", "uint8"))
 
-# What ROS 2 puts into a message without fields.
+# ROS 2's field of a message without fields.
 PLACEHOLDER = "structure_needs_at_least_one_member"
 
 
@@ -293,7 +293,7 @@ _ROS2_FIELD = re.compile(r"[a-z](?:_?[a-z0-9])*")
 _SEPARATOR = re.compile(r"={3,}\s*")
 _MSG = re.compile(r"MSG:\s*([\w/]+)\s*")
 
-# Names without a package, and what writers leave out since everyone has it.
+# Names without a package, and definitions that writers leave out since everyone has them.
 _SHORT_NAMES = {
     "time": "builtin_interfaces/msg/Time",
     "duration": "builtin_interfaces/msg/Duration",
@@ -319,8 +319,8 @@ def definition_of(message: MessageType) -> Definition:
 def message_of(definition: Definition) -> MessageType:
     """The message that a definition defines.
 
-    Raises DecodeError, with the line, for a definition that is not valid, or has what is not read:
-    wstring, and messages in themselves.
+    Raises DecodeError, with the line, for a definition that is not valid, or has a wstring, or a
+    message in itself, which are not read.
     """
     if len(definition.text) > _LONGEST_TEXT:
         raise DecodeError(f"a definition of {len(definition.text)} letters: at most a million")
@@ -384,7 +384,7 @@ def _short(name: str) -> str:
 
 
 def _full(name: str) -> str:
-    """A name with what it is in the middle: `std_msgs/Header` as `std_msgs/msg/Header`."""
+    """A name with its kind in the middle: `std_msgs/Header` as `std_msgs/msg/Header`."""
     package, _, leaf = name.rpartition("/")
     return name if "/" in package or not package else f"{package}/msg/{leaf}"
 
@@ -405,7 +405,7 @@ def sections_in(text: str, name: str = "") -> dict[str, list[str]]:
 
 def with_ros2_names(definition: Definition) -> Definition:
     """The definition with names that readers of ROS 2 take: a field `iTOW` is `i_tow` for them, and
-    for us what it was.
+    keeps its name for us.
     """
     sections: list[list[str]] = [[]]
     for line in definition.text.splitlines():
@@ -440,7 +440,7 @@ def _is_allowed(found: re.Match[str]) -> bool:
 
 
 def _is_renamed(name: str, former: str) -> bool:
-    """Whether a name is what `with_ros2_names` makes of a former one."""
+    """Whether `with_ros2_names` makes this name of a former one."""
     return name != former and re.fullmatch(rf"{_snake(former)}(_\d+)?", name) is not None
 
 

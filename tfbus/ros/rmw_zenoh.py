@@ -1,7 +1,7 @@
 """The wire of rmw_zenoh, ROS 2 over Zenoh: keys, tokens of the graph, QoS, attachments and gids.
 
-After docs/design.md of https://github.com/ros2/rmw_zenoh and what its versions write. All functions
-that read take what strangers wrote, and answer None for what is not of that form.
+After docs/design.md of https://github.com/ros2/rmw_zenoh and its versions' bytes. All functions
+that read take bytes of strangers, and return None for bytes that are not of that form.
 """
 
 import re
@@ -70,7 +70,7 @@ NO_TYPE_HASH = "TypeHashNotSupported"
 
 
 def check_topic_name(name: str) -> None:
-    """Raise InvalidNameError for what is no full name of a topic in ROS, as "/robot1/tf"."""
+    """Raise InvalidNameError unless it is the full name of a topic in ROS, as "/robot1/tf"."""
     if not _TOPIC.fullmatch(name):
         raise InvalidNameError(
             f"{printable(name, 60)!r} is no full name of a topic in ROS: words of letters, digits "
@@ -98,7 +98,7 @@ def dds_type_name(name: str) -> str:
 
 
 def ros_type_name(name: str) -> str:
-    """The name of a type in ROS of that on the wire; "" for what is none."""
+    """The name of a type in ROS by its name on the wire; "" for any other text."""
     found = _DDS_TYPE.fullmatch(name)
     return f"{found[1]}/{found[2]}/{found[3]}" if found else ""
 
@@ -284,9 +284,7 @@ def read_attachment(data: bytes) -> Attachment | None:
 
 
 def source_in(data: bytes) -> bytes:
-    """The bytes of an attachment that name its publisher, and what follows them: all messages of a
-    publisher have the same.
-    """
+    """The bytes of an attachment from its publisher's on, the same in all messages of a publisher."""
     return data[_SOURCE_OF_NAMED:] if data.startswith(_WITH_NAMES) else data[_SOURCE_OF_PLAIN:]
 
 

@@ -63,7 +63,7 @@ class Ros1Master:
             code, said, answer = getattr(self._proxy, method)(self._caller, *values)
         except OSError:
             raise
-        except Exception as error:  # http, xmlrpc and expat raise what their parsers do
+        except Exception as error:  # http, xmlrpc and expat raise any error of their parsers
             reason = f"{type(error).__name__} {printable(str(error), 100)}"
             raise OSError(f"it does not answer as ROS 1 does: {reason}") from error
         if code != _DONE:
@@ -102,7 +102,7 @@ _U32 = struct.Struct("<I")
 # Of a header: sequence number, seconds and nanoseconds, and the length of frame_id.
 _HEAD = struct.Struct("<4I")
 _STAMP = struct.Struct("<3I")
-# What a transform takes with empty names.
+# The size of a transform with empty names.
 _LEAST_SIZE = _HEAD.size + _U32.size + POSE_SIZE
 
 
@@ -202,7 +202,7 @@ def _name_bytes(frame: str) -> bytes:
 
 class Ros1Type(Protocol):
     """A type as ROS 1 has it: `name` is "tf2_msgs/TFMessage", `text` its definition with all in
-    it, and `md5` what publishers and subscribers agree by. Not thread-safe.
+    it, and `md5` the sum by which publishers and subscribers agree. Not thread-safe.
     """
 
     name: str
@@ -236,7 +236,7 @@ _lock = threading.Lock()
 
 @cache
 def _looked_up(definition: Definition) -> tuple[str, str, Any]:
-    """The text and the MD5 of a type in ROS 1, and what knows its fields in ROS 2."""
+    """The text and the MD5 of a type in ROS 1, and the store with its fields in ROS 2."""
     try:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
@@ -268,7 +268,7 @@ class _AnyType:
     def to_cdr(self, payload: bytes) -> bytes:
         try:
             return bytes(self._store.ros1_to_cdr(payload, self._full_name))
-        except Exception as error:  # rosbags raises what its parts do
+        except Exception as error:  # rosbags raises any error of its parts
             raise DecodeError(f"it is no {self.name}: {error}") from error
 
 

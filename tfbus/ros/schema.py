@@ -81,7 +81,7 @@ def merged(one: Type, other: Type) -> Type:
     return MSGPACK
 
 
-# Each holds those before it, as far as they are exact. FLOAT holds no other.
+# Each holds the ones before it, as far as they are exact. FLOAT holds no other.
 _NUMBERS: list[Type] = [INT, UNSIGNED, NUMBER]
 
 
@@ -222,7 +222,7 @@ def _merged_messages(one: MessageType, other: MessageType) -> Type:
     kinds = {one.kind, other.kind}
     if kinds == {"value"}:
         inner = merged(one.fields[0].type, other.fields[0].type)
-        # Around a list only: what else it becomes needs no message around it.
+        # Around a list only: any other type needs no message around it.
         return _around(one, inner) if isinstance(inner, Sequence) else inner
     if not kinds <= {"fields", "map"}:
         return MSGPACK
@@ -309,8 +309,8 @@ class MessageCodec:
     def of_definition(
         definition: Definition, counterpart: Counterpart | None = None
     ) -> "MessageCodec":
-        """The codec of a type of a file: any type of ROS 2, or one of ours. Its values are those of
-        our `counterpart`, if there is one.
+        """The codec of a type of a file: any type of ROS 2, or one of ours. Its values have the
+        fields of our `counterpart`, if there is one.
 
         Raises DecodeError if the definition is not valid, or has a wstring.
         """
@@ -368,11 +368,11 @@ def _codec(message: MessageType, names: TypeNames | None) -> MessageCodec:
     return MessageCodec(message, definition_of(message))
 
 
-# Any message, in MessagePack: what is left where no type fits.
+# Any message, in MessagePack: if no type fits.
 RAW = MessageCodec(MSGPACK, definition_of(MSGPACK))
 
 
-# Those that nodes publish.
+# The types that nodes publish.
 _KNOWN = {
     name_of(each): each for each in (messages.Clock, messages.Color, messages.Pose, messages.Twist)
 }

@@ -1,6 +1,6 @@
 """Transforms as ROS 2 sends them: tf2_msgs/msg/TFMessage in CDR, to and from columns.
 
-A message with the frames of one before is written by joining what stands between its numbers with
+A message with the frames of one before is written by joining the bytes between its numbers with
 them, and read by copying them from their places; both are kept. That takes less than a microsecond
 a transform; libraries that read any message take ten to twenty.
 """
@@ -45,7 +45,7 @@ _MOST_ALIKE = 8
 
 _WORD, _WORD_SIZE = "<u4", 4
 _STAMP = struct.Struct("<iI")
-# What begins a message of one transform: that header, and their count.
+# The head of a message of one transform: that header, and their count.
 _HEAD_OF_ONE = HEADER + b"\x01\x00\x00\x00"
 _OWN_EDGE = packed.edge_bytes(0, 0)
 _STAMP_AT = HEADER_SIZE + 4
@@ -265,7 +265,7 @@ def _layout_of(rows: Columns) -> _Layout:
     at = _STAMP_AT
     for parent, child in rows.pairs():
         writer = CdrWriter()
-        # All that matters of what stands before is where the names begin.
+        # All that matters of the bytes before is where the names begin.
         writer.data += bytes((at + STAMP_SIZE - HEADER_SIZE) % 8)
         start = len(writer.data)
         for name in (frames[parent], frames[child]):
@@ -359,7 +359,7 @@ def read_many(
     """
     alike: dict[object, list[int]] = {}
     for at, data in enumerate(messages):
-        # Names of one transform are between its numbers; those of several are compared later.
+        # Names of one transform are between its numbers; names of several are compared later.
         is_one = data[:_STAMP_AT] == _ONE
         alike.setdefault(data[_NAMES_AT:-POSE_SIZE] if is_one else len(data), []).append(at)
     groups = []

@@ -30,8 +30,8 @@ from tfbus.ros.message_type import (
 )
 from tfbus.wire.codec import HARMLESS_SIZE, MOST_ITEMS, unpacked, values_in
 
-# What the numbers in lists may take. Most take forty bytes each in Python; those of one byte eight,
-# as they are shared: a map of 10,000 by 10,000 cells is read.
+# The most bytes of numbers in lists. Most take forty bytes each in Python; integers of one byte
+# eight, as they are shared: a map of 10,000 by 10,000 cells is read.
 _MOST_NUMBERS_BYTES = 1_300_000_000
 _NUMBER_BYTES, _SHARED_BYTES = 40, 8
 
@@ -149,7 +149,7 @@ _OF_TYPE = {"bool": bool, "float64": float}
 
 
 class _ScalarRun:
-    """Scalars that follow each other, with what fills up between them.
+    """Scalars that follow each other, with the padding between them.
 
     That depends on where they begin, modulo 8.
     """
@@ -273,14 +273,14 @@ _SAME_KIND = {letter: kind for kind in ("fd", "bhilqn", "BHILQN", "?") for lette
 
 
 def buffer_of(value: Any, sequence: Sequence) -> memoryview | None:
-    """The memory of an array whose numbers are exactly those of the sequence: of array.array,
+    """The memory of an array whose numbers are exactly of the sequence's type: of array.array,
     numpy or any other with one dimension in this machine's byte order. None for all else.
     """
     if not isinstance(sequence.item, Scalar) or type(value) is list:
         return None
     try:
         view = memoryview(value)
-    except (TypeError, ValueError, BufferError):  # no array, or of what Python has no numbers for
+    except (TypeError, ValueError, BufferError):  # no array, or of a type without numbers in Python
         return None
     code = SCALARS[sequence.item.name]
     if view.ndim != 1 or view.itemsize != struct.calcsize(f"={code}"):
@@ -313,8 +313,8 @@ def _read_octets(reader: ValueReader, count: int) -> bytes | memoryview:
 _octets = _Items(bytes, 1, _write_octets, _read_octets)
 
 
-# The integers of one byte. Python makes a new object each time for those below -5, so that theirs
-# are kept here.
+# The integers of one byte. Python makes a new object each time for integers below -5, so that
+# theirs are kept here.
 _OF_OCTET = [*range(128), *range(-128, 0)].__getitem__
 _SHARED = bytes([*range(128), *range(251, 256)])
 

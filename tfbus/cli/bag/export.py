@@ -302,7 +302,7 @@ def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
 
 
 def _messages(bag: OpenBag, topic: str, output: Path, form: str, force: bool, is_one: bool) -> str:
-    """Write the newest message into the file, or each into one beside it; says what was done."""
+    """Write the newest message into the file, or each into one beside it; a sentence about that."""
     items: Iterable[TopicItem] = _items_of(bag, topic)
     if is_one:
         items = tuple(deque(items, maxlen=1))

@@ -54,7 +54,7 @@ class SelectionOptions:
 
     @property
     def is_narrow(self) -> bool:
-        """Whether it says what is meant; otherwise everything is, or all but what is excluded."""
+        """Whether it names items to take; otherwise all are taken but the excluded ones."""
         return bool(self.topics or self.streams or self.frames or self.regex)
 
     def selection(self, namespace: str = "", more_topics: Iterable[str] = ()) -> Selection:
@@ -102,7 +102,7 @@ class Regex(click.ParamType[str]):
 
 
 def selecting(function: F) -> F:
-    """Add the options that say what to record or play.
+    """Add the options that select the items to record or play.
 
     The argument `asked` of the click command is then their value, a SelectionOptions.
     """
@@ -215,8 +215,8 @@ def selected(
     regex: str = "",
     exclude: str = "",
 ) -> Selection:
-    """The selection of these options; names may begin with a slash. Raises click.UsageError for
-    what is no regular expression.
+    """The selection of these options; names may begin with a slash. Raises click.UsageError for a
+    wrong regular expression.
     """
     try:
         return SelectionOptions(topics, streams, frames, regex, exclude, ()).selection()
@@ -354,12 +354,12 @@ def write_recording(
     refuse: Callable[[Item, str], object] | None = None,
 ) -> Written:
     """Write a recording with these items, which are within this span of log times and come of the
-    files `sources`. `about` is what it says of itself, with what is known at the end.
+    files `sources`. `about` is its description, with `about_at_end` of facts known at the end.
     `refuse` is called with an item that a recording cannot hold, and why; without it that is an
     error.
 
-    A bar on stderr shows the progress if that is a terminal. Raises as `new_file`, and what
-    reading the items raises.
+    A bar on stderr shows the progress if that is a terminal. Raises as `new_file`, and as reading
+    the items does.
     """
     with needing("bag"):
         import mcap.writer  # noqa: F401  RecordingWriter imports it when it is made
@@ -406,8 +406,8 @@ def with_progress(items: Iterable[Item], span: tuple[int, int], label: str) -> I
 
 
 def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, str]:
-    """The note of a recording on the others that it is made of: what they say, where they were
-    recorded, and what was done: `cut of drive.mcap`.
+    """The note of a recording on the others that it is made of: their notes, where they were
+    recorded, and the edit: `cut of drive.mcap`.
     """
     readers = list(readers)
     about = dict(readers[0].about) if readers else {}
@@ -417,9 +417,7 @@ def about_edited(readers: Iterable["RecordingReader"], verb: str) -> dict[str, s
 
 
 def lost_of(readers: Iterable["RecordingReader"]) -> dict[str, str]:
-    """The note of a recording on losses in the others: what they say, and what of them could
-    not be read.
-    """
+    """The note of a recording on losses in the others: their notes, and their unreadable parts."""
     lost: list[str] = []
     for reader in readers:
         lost += filter(None, [reader.about.get("lost", "")])

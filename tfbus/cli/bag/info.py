@@ -1,4 +1,4 @@
-"""`tfbus bag info`: what is in a recording."""
+"""`tfbus bag info`: the contents of a recording."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -33,8 +33,8 @@ from tfbus.wire.limits import size_text
 _S = 1_000_000_000
 _LABEL = 10
 
-# All messages of a recording are read, to find what is damaged, where they have at most this number
-# of bytes: that takes some seconds.
+# All messages of a recording are read, to find damaged parts, if they have at most this number of
+# bytes: that takes some seconds.
 _CHECKED_BYTES = 2 * 10**9
 
 # Of the damaged parts at most this number is listed.
@@ -43,7 +43,7 @@ _MOST_DAMAGE = 10
 # Of the nodes at most this number is named.
 _MOST_NODES = 30
 
-# What the kinds of events are called.
+# The names of the kinds of events.
 _EVENTS: dict[EventKind, str] = {
     "stream": "stream description",
     "stream gone": "lost stream",

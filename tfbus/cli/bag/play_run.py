@@ -174,13 +174,13 @@ def _check_living(node: Node, replay: Republisher, plan: PlayPlan) -> None:
 def _be_punctual() -> None:
     """Have Python stop the player's thread for no longer than it must, from now on."""
     sys.setswitchinterval(_SWITCH_INTERVAL_S)
-    # What is there by now stays: to look through all of it for garbage takes 30 ms.
+    # The objects so far stay: to look through all of them for garbage takes 30 ms.
     gc.collect()
     gc.freeze()
 
 
 class _Run:
-    """A player that plays on a thread of its own; `error` is what ended it before its end."""
+    """A player that plays on a thread of its own; `error` is the exception that ended it early."""
 
     def __init__(self, player: Player, replay: Republisher) -> None:
         self.error: Exception | None = None
@@ -269,7 +269,7 @@ _FASTER = 1.1
 
 
 def follow(key: str, player: Playhead) -> bool:
-    """Do what a key is for; whether to go on."""
+    """Follow a key; whether to go on."""
     jobs: dict[str, Callable[[], object]] = {
         " ": player.toggle_paused,
         ".": player.step,

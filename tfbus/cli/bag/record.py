@@ -13,7 +13,7 @@ from tfbus.cli.bag.files import CALLED_IN_ROS, NO_SERVICES, SelectionOptions, se
 from tfbus.command.options import Several, bus_options
 from tfbus.command.types import POSITIVE, ByteSize, Number, SpanOrSize, TopicName
 
-# A file begins with what is in force; smaller ones would be little else.
+# A file begins with the state in force; smaller ones would be little else.
 _LEAST_FILE_BYTES = 100_000
 _LEAST_KEPT_BYTES = 1_000_000
 _LEAST_CACHE_BYTES = 1_000_000

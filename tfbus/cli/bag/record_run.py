@@ -55,7 +55,7 @@ from tfbus.wire.limits import size_text
 _LOOK_EVERY_S = 0.5
 _LOG_EVERY_S = 10.0
 
-# Where nothing has come after this time, it says what it waits for.
+# If nothing has come after this time, it names the topics that it waits for.
 _SILENT_S = 3.0
 
 # With the 5 ms of Python, 20,000 messages a second came slower than they were sent.
@@ -64,7 +64,7 @@ _SWITCH_S = 1e-4
 _KEYS = {False: "space pauses, s begins a new file, q ends", True: "s writes a snapshot, q ends"}
 
 
-# What may wait to be written, and what is held for a snapshot.
+# The most bytes that wait to be written, and that are held for a snapshot.
 _CACHE_BYTES = 100_000_000
 _SNAPSHOT_CACHE_BYTES = 500_000_000
 
@@ -73,7 +73,7 @@ _SNAPSHOT_CACHE_BYTES = 500_000_000
 class RecordPlan:
     """The plan of a recording. `cache_bytes` is how much may wait to be written, or is held for a
     snapshot; None is 100 MB, or 500 MB for a snapshot. With `keep` it serves its files, and goes
-    on with those that are in its folder.
+    on with the files in its folder.
     """
 
     path: Path
@@ -206,7 +206,7 @@ def _record(settings: NodeSettings, plan: RecordPlan) -> str:
 def _recorder(
     node: Node, plan: RecordPlan, parts: PartsWritten, stack: ExitStack
 ) -> tuple[Recorder, Capture]:
-    """A recorder of what the plan takes, and what captures it; both end with the stack."""
+    """A recorder by the plan, and its capture; both end with the stack."""
     queue = RawQueue(plan.most_bytes)
     past = None
     if plan.with_history:
@@ -249,7 +249,7 @@ def _filling(
     parts: PartsWritten,
     stack: ExitStack,
 ) -> Filling | None:
-    """Serves what is kept; or fills gaps from who does, except of snapshots."""
+    """Serves the kept files; or fills gaps from recorders that do, except of snapshots."""
     if plan.keep is not None:
         try:
             kept = KeptFiles(node, lambda: [*parts.older, *parts.paths])
@@ -291,7 +291,7 @@ def _open_writer(
 
 
 def _lost(recorder: Recorder, node: Node) -> Counter[str]:
-    """How many messages were not recorded, by what became of them."""
+    """How many messages were not recorded, by the cause."""
     too_large = sum(node.session.callbacks.too_large.values())
     return recorder.counts.lost + Counter({"too large": too_large})
 
@@ -407,7 +407,7 @@ def _look(
 
 
 def _warn_of_silence(node: Node, recorder: Recorder, plan: RecordPlan) -> None:
-    """Say what may be wrong if nothing has come so far."""
+    """Warn with a possible cause if nothing has come so far."""
     if recorder.is_paused or recorder.is_waiting:
         return
     missing = [
@@ -434,7 +434,7 @@ def _unmatched(plan: RecordPlan, recorder: Recorder, capture: Capture) -> list[s
 
 
 def _follow(keys: list[str], recorder: Recorder, snapshots: bool) -> bool:
-    """Do what keys are for; whether to go on."""
+    """Follow keys; whether to go on."""
     for key in keys:
         if key in ("q", "Q", "\x03"):
             return False

@@ -13,7 +13,7 @@ from tfbus.base.wording import counted, cut, duration, listed, printable
 from tfbus.cli.output import counted_transforms, many, paint, width
 from tfbus.wire.limits import size_text
 
-# Rates are those of this time.
+# Rates are over this time.
 _RATES_OVER_S = 3.0
 
 # A disk that lasts longer lasts.

@@ -64,8 +64,8 @@ class Arrival:
 class Inbox:
     """Iterates over the messages of a topic until the node is shut down; closed by `with`.
 
-    Prints what it waits for if nothing comes for 2 s. Raises BusError if nothing comes for
-    `timeout_s` (None: never).
+    Prints that it waits if nothing comes for 2 s. Raises BusError if nothing comes for `timeout_s`
+    (None: never).
     """
 
     def __init__(

@@ -164,7 +164,7 @@ def part_of(message: Any, path: str) -> Any:
 
 
 def _by_all_names(message: Mapping[Any, Any]) -> Mapping[Any, Any]:
-    """The fields by the names that they are printed with, and those of a header by ours, too."""
+    """The fields by the names that they are printed with, and a header's by ours, too."""
     with suppress(KeyError, TypeError):
         if is_in_ros_layout(message):
             return {**without_header(message), **message}
@@ -202,7 +202,7 @@ def _leaves(value: Any) -> Iterator[Any]:
 
 
 class MessageFilter:
-    """A Python expression about `m`, the message, which takes those it is true for: `m.x > 5`."""
+    """A Python expression about `m`, a message, which takes messages if it is true: `m.x > 5`."""
 
     def __init__(self, expression: str):
         self._expression = expression

@@ -1,7 +1,7 @@
 """The topics of a bus, heard by a hidden node, and of a recording: one of any type, by its name.
 
-`tf/sim` and `tf_static/sim` are the transforms of the stream `sim`; `tf` and `tf_static` those of
-all streams.
+`tf/sim` and `tf_static/sim` are the transforms of the stream `sim`; `tf` and `tf_static` of all
+streams.
 """
 
 import signal
@@ -47,10 +47,10 @@ if TYPE_CHECKING:
 # The bytes of one message as a map; raises DecodeError.
 Reader = Callable[[bytes], dict[str, Any]]
 
-# After this long without a message, the tools print what they wait for.
+# After this long without a message, the tools print that they wait.
 SAY_AFTER_S = 2.0
 
-# What to do where a bus has no transforms.
+# A hint for a bus without transforms.
 _SHOWN_BY = {
     TRANSFORMS: "tfbus frames shows all frames, and tfbus echo TARGET SOURCE one from another",
     STATIC_TRANSFORMS: "tfbus static world camera publishes one, and tfbus frames shows all frames",
@@ -176,7 +176,7 @@ def type_of(graph: Graph, topic: str) -> str:
 
 
 def why_silent(node: "Node", topic: str) -> str:
-    """The words for what a tool waits for if no message comes."""
+    """A sentence on the topic that a tool waits for if no message comes."""
     graph = look(node.session)
     published = {name: each for name, each in graph.topics.items() if each.publishers}
     try:
@@ -204,7 +204,7 @@ def _transforms(topic: str) -> tuple[str, str]:
 
 
 def reader_of(type_name: str) -> Reader:
-    """Reads messages of the type of this name, and checks those of `tfbus.messages`."""
+    """Reads messages of the type of this name, and checks types of `tfbus.messages`."""
     if type_name == TRANSFORMS_TYPE:
         return _read_transforms
     message_type = supplied_type(type_name)
@@ -233,7 +233,7 @@ def _transforms_map(message: TransformMessage) -> dict[str, Any]:
 
 
 def _rows(rows: Columns) -> list[dict[str, Any]]:
-    """The rows as they came, with those that a buffer rejects."""
+    """The rows as they came, with rows that a buffer rejects."""
     poses = iter_unpack("=7d", rows.poses_bytes())
     columns = zip(rows.pairs(), rows.stamps_as_ints(), poses, strict=True)
     return [
@@ -317,7 +317,7 @@ def reading_of(
     choice: BagChoice, name: str, number_of: Callable[[RecordedMessage], float | None]
 ) -> WindowReading:
     """When the messages of a topic came, in seconds of time in which it was recorded, and a number
-    of each; those of which it is None are left out.
+    of each; messages without a number are left out.
     """
     arrivals_s: list[float] = []
     numbers: list[float] = []

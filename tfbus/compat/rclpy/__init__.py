@@ -47,7 +47,7 @@ __all__ = [
     "utilities",
 ]
 
-# What rclpy has, is not here, and what does the same.
+# Names of rclpy that are not here, and their substitutes.
 _INSTEAD = {
     "get_global_executor": "rclpy.executors.SingleThreadedExecutor()",
 }
@@ -66,8 +66,8 @@ def init(
     domain_id: int | None = None,
     **unknown: Any,
 ) -> context.Context:
-    """Begin; of the arguments of the process, or `args`, those after `--ros-args` count. The bus
-    has no domains.
+    """Begin; of the arguments of the process, or `args`, all after `--ros-args` count. The bus has
+    no domains.
 
     The context that it returns ends with a `with`, too. Raises RuntimeError if it was called
     before.

@@ -43,7 +43,7 @@ class Clock:
         return Time(nanoseconds=max(0, now_ns), clock_type=self._clock_type)
 
     def create_jump_callback(self, *_: Any, **__: Any) -> Any:
-        """Not there: listeners forget by themselves what a jump back has made wrong."""
+        """Not there: listeners forget by themselves samples that a jump back has made wrong."""
         raise NotImplementedError(
             "tfbus.compat has no jump callbacks: buffers follow jumps of the clock by themselves, "
             "and node.tfbus_node.clock.add_jump_callback(callback) calls for jumps back"

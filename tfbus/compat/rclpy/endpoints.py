@@ -219,7 +219,7 @@ class Service(TakesTypes):
 def ask_while_spun(
     work: Work, ask: Callable[[], Any], group: Any = None, what: str = ""
 ) -> "Answer[Any]":
-    """A future of what `ask()` returns in a thread that spins the node, of a coroutine its result;
+    """A future of the value of `ask()` in a thread that spins the node, of a coroutine its result;
     its exception is a ServiceError.
     """
     answer: Answer[Any] = Answer()

@@ -63,8 +63,8 @@ class Executor:
     def spin(self) -> None:
         """Run callbacks until Ctrl-C or SIGTERM, which raise KeyboardInterrupt.
 
-        Raises ExternalShutdownException if `rclpy.shutdown()` is called meanwhile, and what a
-        callback raises.
+        Raises ExternalShutdownException if `rclpy.shutdown()` is called meanwhile, and the
+        exceptions of callbacks.
         """
         here = self._begin()
         while here.ok() and not self._is_shut_down:
@@ -123,7 +123,7 @@ class Executor:
         return True
 
     def wake(self) -> None:
-        """Let the thread that spins look again what there is to do."""
+        """Let the thread that spins look for callbacks again."""
         self._work.submit(_nothing)
 
     def _begin(self) -> context.Context:

@@ -145,8 +145,8 @@ class LifecyclePublisher(ManagedEntity):
 class LifecycleNode(Node):
     """A node with states: override `on_configure(state)`, `on_activate(state)` and so on.
 
-    Its services ~/change_state and ~/get_state serve those who manage it, and `trigger_configure()`
-    and so on itself.
+    Its services ~/change_state and ~/get_state serve its managers, and `trigger_configure()` and so
+    on itself.
     """
 
     def __init__(self, node_name: str, **options: Any) -> None:

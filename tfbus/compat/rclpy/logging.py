@@ -29,7 +29,7 @@ class LoggingSeverity(IntEnum):
 
 
 class RosLogger:
-    """A log with ROS's methods; what it writes are lines of tfbus's."""
+    """A log with ROS's methods; its lines are as tfbus's."""
 
     def __init__(self, name: str, log: logging.Logger) -> None:
         self.name = name
@@ -42,7 +42,7 @@ class RosLogger:
         return self._write(logging.DEBUG, message, conditions)
 
     def info(self, message: object, **conditions: Any) -> bool:
-        """Log what goes as it should.
+        """Log normal events.
 
         `once`, `skip_first` and `throttle_duration_sec` (seconds) leave out lines of the same place
         in the program. Returns whether it was logged.
@@ -50,7 +50,7 @@ class RosLogger:
         return self._write(logging.INFO, message, conditions)
 
     def warning(self, message: object, **conditions: Any) -> bool:
-        """Log what may go wrong."""
+        """Log a possible fault."""
         return self._write(logging.WARNING, message, conditions)
 
     def warn(self, message: object, **conditions: Any) -> bool:
@@ -58,17 +58,17 @@ class RosLogger:
         return self._write(logging.WARNING, message, conditions)
 
     def error(self, message: object, **conditions: Any) -> bool:
-        """Log what went wrong."""
+        """Log a fault."""
         return self._write(logging.ERROR, message, conditions)
 
     def fatal(self, message: object, **conditions: Any) -> bool:
-        """Log what ends the program; an error in the log."""
+        """Log a fault that ends the program; an error in the log."""
         return self._write(logging.ERROR, message, conditions)
 
     def set_level(self, level: int) -> None:
         """Log lines of this level and above."""
         self._log.setLevel(int(level))
-        # Loggers that no manager knows, as those of nodes, remember what they answered before.
+        # Loggers that no manager knows, as the loggers of nodes, remember their former answers.
         vars(self._log).get("_cache", {}).clear()
 
     def get_effective_level(self) -> LoggingSeverity:

@@ -126,7 +126,7 @@ __all__ = [
 
 ParameterType: Any = message_class("rcl_interfaces/msg/ParameterType")
 
-# What a node of rclpy has, is not here, and what does the same.
+# Names of a node of rclpy that are not here, and their substitutes.
 _INSTEAD = {
     "create_guard_condition": "node.work.submit(callback)",
     "get_publishers_info_by_topic": "count_publishers(topic), `tfbus topic info -v`",
@@ -168,7 +168,7 @@ class Node:
         given = self._context.node_arguments if use_global_arguments else []
         given = [*given, *contexts.split_arguments(cli_args or ())[1]]
         arguments: list[str] = []
-        # What the command line says counts more than what the program says.
+        # The command line counts more than the program.
         if namespace is not None and not any(arg.startswith("__ns:=") for arg in given):
             arguments += ["--namespace", namespace.strip("/")]
         for each in parameter_overrides or ():
@@ -199,14 +199,14 @@ class Node:
     if not TYPE_CHECKING:
 
         def __getattr__(self, name: str) -> Any:
-            """No attribute; the error names what does the same."""
+            """No attribute; the error names a substitute."""
             instead = _INSTEAD.get(name)
             hint = f": use {instead}" if instead else "; node.tfbus_node is a tfbus.Node"
             raise AttributeError(
                 f"a Node of tfbus.compat has no attribute {name!r}{hint}", name=name, obj=self
             )
 
-    # What it is
+    # Names and clock
 
     @property
     def context(self) -> "contexts.Context":
@@ -264,7 +264,7 @@ class Node:
         for each in (*self._elsewhere.values(), self.tfbus_node):
             each.close()
 
-    # What it publishes, subscribes to and serves
+    # Its publishers, subscriptions and services
 
     def create_publisher(self, msg_type: type, topic: str, qos_profile: Any, **_: Any) -> Publisher:
         """A publisher; of the QoS counts whether it is TRANSIENT_LOCAL."""

@@ -315,7 +315,7 @@ class RclpyParameters:
 
 
 def names_in(parameters: Iterable[Any], prefix: str) -> Iterable[tuple[Any, ...]]:
-    """The arguments of each `declare_parameter` of a list: name, and what stands behind it."""
+    """The arguments of each `declare_parameter` of a list: name, and the rest of the entry."""
     before = f"{prefix}." if prefix else ""
     for name, *rest in parameters:
         yield (f"{before}{name}", *rest)

@@ -123,9 +123,9 @@ _NOT_APPLIED = ("lifespan", "deadline", "liveliness", "liveliness_lease_duration
 
 
 def applied(qos: Any, topic: str, say: Callable[[str], object]) -> tuple[int, bool]:
-    """The depth, and whether the last message is kept; says what is not applied.
+    """The depth, and whether the last message is kept; says which policies are not applied.
 
-    Raises TypeError for what is no profile and no depth.
+    Raises TypeError unless it is a profile or a depth.
     """
     if isinstance(qos, int) and not isinstance(qos, bool):
         return _depth(qos), False

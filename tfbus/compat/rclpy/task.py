@@ -25,7 +25,7 @@ class Future(TakesTypes):
 
     `await` it in a callback that is a coroutine, or in asyncio; or wait for it with
     `rclpy.spin_until_future_complete(node, future)`. Callbacks of a future that belongs to a node
-    run while the node is spun; those of another one at once, in the thread that sets the result.
+    run while the node is spun; other ones at once, in the thread that sets the result.
     """
 
     def __init__(self, *, run: Run = _at_once) -> None:
@@ -60,11 +60,11 @@ class Future(TakesTypes):
         return self._exception
 
     def set_result(self, result: Any) -> None:
-        """End it; what ended already stays as it is."""
+        """End it, unless it has ended."""
         self._end(result=result)
 
     def set_exception(self, exception: BaseException) -> None:
-        """End it; what ended already stays as it is."""
+        """End it, unless it has ended."""
         self._end(exception=exception)
 
     def add_done_callback(self, callback: Callable[[Any], object]) -> None:
@@ -112,14 +112,14 @@ class Future(TakesTypes):
 
 
 class Task(Future):
-    """A coroutine that a node runs: a step whenever what it waits for has ended."""
+    """A coroutine that a node runs: a step whenever the future that it awaits has ended."""
 
     def __init__(self, coroutine: Any, run: Run) -> None:
         super().__init__(run=run)
         self._coroutine = coroutine
 
     def step(self) -> None:
-        """Run it up to its next `await` of a future. Raises what the coroutine raises."""
+        """Run it up to its next `await` of a future. Raises the coroutine's exception."""
         try:
             awaited = self._coroutine.send(None)
         except StopIteration as end:
@@ -198,7 +198,7 @@ class Work:
             return None
 
     def run(self, job: Job) -> None:
-        """Run a callback that was taken. Raises what it raises."""
+        """Run a callback that was taken. Raises its exception."""
         thread, began_s = threading.get_ident(), time.monotonic()
         if job.what:
             self._running[thread] = job.what, began_s

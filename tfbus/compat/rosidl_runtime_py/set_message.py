@@ -8,7 +8,7 @@ from tfbus.ros.message_classes import RosMessage
 
 __all__ = ["set_message_fields"]
 
-# What sets a time later, as `ros2 topic pub` does for each message.
+# Sets a time later, as `ros2 topic pub` does for each message.
 SetStamp = Callable[[Any], None]
 
 
@@ -18,7 +18,7 @@ def set_message_fields(
     expand_header_auto: bool = False,
     expand_time_now: bool = False,
 ) -> list[SetStamp]:
-    """Set fields of a message; those that the map, or a map in it, does not name stay as they are.
+    """Set the fields of a message that the map, or a map in it, names.
 
     With `expand_header_auto` a header may be "auto", with `expand_time_now` a time "now": of each
     comes a function that sets the stamp, as `set_stamp(clock.now().to_msg())`.

@@ -36,7 +36,7 @@ def read_points(
     uvs: Any = None,
     reshape_organized_cloud: bool = False,
 ) -> Any:
-    """The points as a structured array (N,), with `cloud.fields` or those named.
+    """The points as a structured array (N,), with all of `cloud.fields` or the named ones.
 
     `skip_nans` leaves out points with one; `uvs` are indices of points, or pairs of column and row;
     `reshape_organized_cloud` gives (height, width).

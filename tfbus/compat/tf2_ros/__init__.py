@@ -56,7 +56,7 @@ __all__ = [
     "convert",
 ]
 
-# What tf2_ros has, is not here, and what to do.
+# Names of tf2_ros that are not here, and their substitutes.
 _INSTEAD = {
     "BufferClient": "each process has a Buffer, which receives only what it needs by "
     "tfbus.TransformListener(buffer, node, reads='needed')",

@@ -24,14 +24,14 @@ class TransformBroadcaster:
     def sendTransform(self, transform: Any) -> None:
         """Send a TransformStamped, or several in one message.
 
-        Raises InvalidArgumentException for what tf2's listeners drop with a line in the log, such
-        as a quaternion that is not of length 1.
+        Raises InvalidArgumentException for a transform that tf2's listeners drop with a line in the
+        log, such as one whose quaternion is not of length 1.
         """
         self.tfbus_broadcaster.send_transform(as_tfbus(transform))
 
 
 def as_tfbus(transform: Any) -> TransformStamped | list[TransformStamped]:
-    """tfbus's transforms of what `sendTransform` takes."""
+    """tfbus's transforms of the argument of `sendTransform`."""
     if isinstance(transform, Iterable):
         return [stamped_of(each) for each in transform]
     return stamped_of(transform)

@@ -1,6 +1,6 @@
-"""The bridge between the bus and ROS: what crosses it, and the legs by which it reaches ROS.
+"""The bridge between the bus and ROS: its two directions, and the legs by which it reaches ROS.
 
-Listed here is what the nodes `tfbus ros2` and `tfbus ros1` use.
+Listed here are the names that the nodes `tfbus ros2` and `tfbus ros1` use.
 """
 
 from tfbus.base.lazy_exports import exported

@@ -28,7 +28,7 @@ from tfbus.ros.rmw import is_bridge
 # How often it looks who is there.
 _POLL_EVERY_S = 1.0
 
-# What crosses is said once the frames of one side have been the same for this many looks.
+# The crossing frames are logged once the frames of one side have been the same for this many looks.
 _SETTLED_POLLS = 2
 
 # After this time without anything of ROS it says so.
@@ -67,7 +67,7 @@ class Bridge:
         self._ros_node = ros_node
         self._once = LogOnce(node.log)
         self._executor = Executor(f"{node.full_name} ROS", node.log)
-        # What `close()` ends, the last one first.
+        # `close()` ends these, the last one first.
         self._parts = ExitStack()
         self._parts.callback(leg.close)
         try:
@@ -195,7 +195,7 @@ class Bridge:
             if each.session in self._met and self.bridges.is_senior(each)
         ]
 
-    # What changes
+    # Changes
 
     def _reconsider_soon(self) -> None:
         self._executor.submit("what crosses", self._reconsider, limit=1)
@@ -263,7 +263,7 @@ class Bridge:
         ):
             self._meet_bridges()
 
-    # What it says
+    # Announcements and the log
 
     def _announce(self) -> None:
         to_ros = self._to_ros.streams if self._to_ros else {}
@@ -306,7 +306,7 @@ class Bridge:
             )
 
     def _say(self, way: str, streams: dict[str, int]) -> None:
-        """Say once what crosses, as soon as it stays the same."""
+        """Log once the streams that cross, as soon as they stay the same."""
         before, looks = self._seen.get(way, ({}, 0))
         looks = looks + 1 if streams == before else 0
         self._seen[way] = streams, looks

@@ -150,10 +150,10 @@ class Bridges:
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
 
-# A bridge that was here first sends what it has sent within this time.
+# A bridge that was here first still sends the frames that it has sent within this time.
 _STILL_SENT_S = 3.0
 
-# Names come from ROS: with more than this, what is known of them is asked again.
+# Names come from ROS: of more than this, all are asked about again.
 _MOST_NAMES = 100_000
 
 

@@ -1,4 +1,4 @@
-"""The parts that both directions share: options, publishers and streams, and what crossed."""
+"""The parts that both directions share: options, publishers, streams, and crossed transforms."""
 
 import logging
 import threading
@@ -83,7 +83,7 @@ class RosFrameNames:
         return mistake_in(self.on_bus(name)) if name.strip("/") else "must not be empty"
 
     def met(self, name: str) -> bool:
-        """Note a frame that ROS has; whether it is new and may change what goes there."""
+        """Note a frame that ROS has; whether it is new and may change the frames that go there."""
         name = name.lstrip("/")
         if not self._prefix or name in self._of_ros or len(self._of_ros) >= _MOST_NAMES:
             return False
@@ -102,7 +102,7 @@ class RosFrameNames:
 # One that is missing from this many looks, one after the other, is gone.
 _GONE_AFTER = 2
 
-# What a publisher that is gone has sent may still come by another bridge.
+# Messages of a publisher that is gone may still come by another bridge.
 _REMEMBERED_S = 10.0
 
 # A message may be faster than the word of its publisher: then it is looked for this often.
@@ -201,7 +201,7 @@ class RosPublishers:
 # publisher later than another bridge does: until then nothing of it goes to ROS.
 _PATIENCE_S = 2.0
 
-# The listener of the same node logs what is wrong with a stream.
+# The listener of the same node logs the faults of a stream.
 _SILENT = logging.getLogger("tfbus.ros.bridge.silent")
 _SILENT.propagate = False
 _SILENT.addHandler(logging.NullHandler())
@@ -272,7 +272,7 @@ class BusStreams:
         )
 
     def imported_by_another(self, gids: Collection[str], since: tuple[int, str]) -> str:
-        """The stream of another bridge that carries what these publishers send, and was there
+        """The stream of another bridge that carries these publishers' transforms, and was there
         before `since`, a time in ns and a session; "" for none.
         """
         with self._lock:
@@ -402,8 +402,8 @@ class Crossed:
 
 @dataclass(frozen=True)
 class Common:
-    """Of one bridge: its node and options, who publishes on either side, what has crossed, and the
-    thread on which its parts decide.
+    """Of one bridge: its node and options, the publishers on either side, the crossed transforms,
+    and the thread on which its parts decide.
     """
 
     node: Node

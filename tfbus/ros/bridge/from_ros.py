@@ -34,7 +34,7 @@ _MOST_FRAMES = 10_000
 
 
 class FromRos:
-    """Sends on the bus what comes from ROS, until `close()`."""
+    """Sends transforms from ROS on the bus, until `close()`."""
 
     def __init__(
         self,
@@ -70,7 +70,7 @@ class FromRos:
         self._subscriptions: list[Endable] = []
 
     def listen(self, dynamic: RosTopic, static: RosTopic) -> None:
-        """Take what comes on these topics from now on. Twice is fine."""
+        """Take the messages of these topics from now on. Twice is fine."""
         if self._subscriptions:
             return
         # Of each publisher the last message with all its static transforms; some send several.
@@ -99,7 +99,7 @@ class FromRos:
                     found[source.stream.name] |= source.taken
             return {name: len(children) for name, children in found.items() if children}
 
-    # What changes
+    # Changes
 
     def reconsider(self) -> None:
         """The streams of the bus have changed, or the selection for ROS."""

@@ -207,7 +207,7 @@ class RosClock:
                 return
             self._heard("from ROS")
             publish = self._publish
-        # Without the lock: what is sent comes to this session too, on this thread.
+        # Without the lock: the message comes to this session too, on this thread.
         try:
             publish(Clock(stamp_ns))
         except TfbusError as error:
@@ -219,7 +219,7 @@ class RosClock:
         try:
             clock = decode_message(Clock, payload)
         except DecodeError:
-            return  # those that follow it log it
+            return  # its followers log it
         with self._lock:
             self._heard("to ROS")
             sender = self._sender

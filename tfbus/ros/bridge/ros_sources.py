@@ -134,7 +134,7 @@ _MOST_UNKNOWN = 100
 
 # Publishers and names come from ROS: further publishers share the stream of the bridge.
 _MOST_PUBLISHERS = 1000
-# Of those that ROS does not list, whose gids may be made up.
+# Of publishers that ROS does not list, whose gids may be made up.
 _MOST_UNLISTED = 100
 
 # One that ROS does not list is gone when it has sent nothing for this long. It may send static
@@ -154,7 +154,7 @@ class RosSource:
     # As they came last, by the names of the bus.
     statics: dict[str, TransformStamped] = field(default_factory=dict)
     children: set[str] = field(default_factory=set)
-    # Those of the children of which a transform was taken; numbers may be refused.
+    # The children of which a transform was taken; numbers may be refused.
     taken: set[str] = field(default_factory=set)
     # When the last message came.
     heard_s: float = 0.0
@@ -335,7 +335,7 @@ class RosSources:
                 continue
             self._drop(source.gid)
             if former.gids:
-                # Its frames leave that stream: what others send there goes on in a new epoch.
+                # Its frames leave that stream: other transforms there go on in a new epoch.
                 former.close()
             named = self._make(source.gid, node)
             named.statics, named.heard_s = source.statics, source.heard_s
@@ -372,7 +372,7 @@ class RosSources:
                 self._drop("")
 
     def _lose(self, gids: Collection[str]) -> None:
-        """Publishers are gone; what others of the same node send goes on in a new epoch."""
+        """Drop gone publishers; transforms of others of the same node go on in a new epoch."""
         lost: dict[str, tuple[RosSource, set[str]]] = {}
         for gid in gids:
             self.unknown.pop(gid, None)

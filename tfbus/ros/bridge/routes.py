@@ -142,7 +142,7 @@ class RateLimit:
             self._send(chosen(rows, [*ready.values()]))
 
     def flush(self) -> None:
-        """Pass on what has waited long enough."""
+        """Pass on the rows that have waited long enough."""
         now_s = self._clock_s()
         with self._lock:
             ready = {

@@ -1,4 +1,4 @@
-"""From the bus to ROS: what a listener accepts, as tf2_ros broadcasts it."""
+"""From the bus to ROS: the transforms that a listener accepts, as tf2_ros broadcasts them."""
 
 import threading
 from collections.abc import Callable
@@ -28,13 +28,13 @@ _OF_STATICS = (
 
 
 class _Listener(TransformListener):
-    """Leaves out what comes from ROS: this session has sent that itself."""
+    """Leaves out transforms from ROS: this session has sent them itself."""
 
     _hears_itself = False
 
 
 class ToRos:
-    """Sends to ROS what comes from the bus, until `close()`.
+    """Sends transforms of the bus to ROS, until `close()`.
 
     `sent_by_senior(child)` is whether another bridge sends a frame there already.
     """
@@ -64,7 +64,7 @@ class ToRos:
         self._routes: dict[str, Routes] = {}
         # Frames that go, by the names of the bus, and the stream of each.
         self._going: dict[str, str] = {}
-        # The static transforms on the bus, and those in ROS, by the names of the bus.
+        # The static transforms on the bus, and the ones in ROS, by the names of the bus.
         self._held: dict[str, tuple[str, TransformStamped]] = {}
         self._sent_statics: dict[str, TransformStamped] = {}
         self._static_message = b""
@@ -81,7 +81,7 @@ class ToRos:
         self._listener: TransformListener | None = None
 
     def listen(self) -> None:
-        """Take what comes from now on."""
+        """Take the bus's transforms from now on."""
         self._listener = _Listener(self._buffer, self._node)
 
     def close(self) -> None:
@@ -121,7 +121,7 @@ class ToRos:
         self._statics_soon()
 
     def poll(self) -> None:
-        """Call it every second: what was not known may be known now."""
+        """Reconsider frames that were undecided; to be called every second."""
         if self._is_undecided or self._has_senior:
             self._is_undecided = self._has_senior = False
             self.reconsider()

@@ -32,7 +32,7 @@ from tfbus.wire.keys import CLOCK_TOPIC
 # Fields of ROS that name frames.
 _FRAMES = ("frame_id", "child_frame_id")
 
-# The fields of a message in which there are names of frames, each with those below it.
+# The fields of a message in which there are names of frames, each with the fields below it.
 _FrameFields = Mapping[str, "_FrameFields"]
 
 
@@ -255,7 +255,7 @@ _GONE_AFTER_S = 10.0
 # Names come from the bus, and each topic takes memory here and in ROS.
 _MOST_TOPICS = 2000
 
-# The type of what bridges tell each other on the bus.
+# The type of the messages that bridges send each other on the bus.
 _BRIDGE_TYPE = RosBridge.__name__
 
 _ROS_NAME = re.compile(r"[A-Za-z]\w*(/[A-Za-z]\w*)*", re.ASCII)
@@ -269,8 +269,8 @@ class TopicBridge:
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS, and
     messages of another bridge are left out if this side has their source. `names` are the names of
     frames in messages: on the bus and in ROS the same, without it. `seniors()` are the bridges
-    between the same bus and the same ROS that were there before: this one does not send what they
-    send.
+    between the same bus and the same ROS that were there before: this one does not send their
+    topics.
     """
 
     def __init__(
@@ -430,7 +430,7 @@ class _Topic:
         to_ros: bool,
         from_ros: bool,
     ) -> None:
-        """Take what both sides have."""
+        """Begin or end either direction, by the publishers and subscribers of both sides."""
         assert self.line is not None
         sources = [end for end in info.publishers if end.node not in bridges]
         in_ros = self._ask()
@@ -449,7 +449,7 @@ class _Topic:
             comes = False
             self._end_from_ros()
         if self.line.retained and goes and comes:
-            # What one side keeps would come back from the other: that of the bus counts.
+            # One side's kept message would come back from the other: the bus's counts.
             comes = False
             self._end_from_ros()
         self._keep_to_ros(goes)

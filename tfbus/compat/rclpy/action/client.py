@@ -75,7 +75,7 @@ class ClientGoalHandle(TakesTypes):
         return _waited(self.cancel_goal_async())
 
     def wait(self) -> None:
-        """Wait for the end on a thread of the client, and give it to those who asked."""
+        """Wait for the end on a thread of the client, and set the result's future."""
         try:
             ended = self._sent.result()
         except TfbusError as error:
@@ -151,7 +151,7 @@ class ActionClient(TakesTypes):
         try:
             sent = self._client.send(goal, on_feedback=feedbacks.came, timeout_s=None)
             handle = ClientGoalHandle(self._node, sent, accepted=sent.accepted())
-        # Also what a field of a wrong type raises: the future would never end.
+        # Also the error of a field of a wrong type: the future would never end.
         except Exception as error:
             future.set_exception(error)
             return
@@ -162,7 +162,7 @@ class ActionClient(TakesTypes):
 
 
 class Feedbacks:
-    """Hands on what comes, once the id of its goal is known: the first may come before."""
+    """Hands on feedback, once the id of its goal is known: the first may come before."""
 
     def __init__(
         self,

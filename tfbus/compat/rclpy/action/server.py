@@ -60,7 +60,7 @@ class CancelResponse(Enum):
 
 
 class ServerGoalHandle(TakesTypes):
-    """A goal at its server: what it asks for, and how it goes on."""
+    """A goal at its server: its request, its state, and the calls that change that."""
 
     def __init__(self, server: "ActionServer", handle: "GoalHandle") -> None:
         self._server = server
@@ -88,7 +88,7 @@ class ServerGoalHandle(TakesTypes):
         return bool(self.status == GoalStatus.STATUS_CANCELING)
 
     def execute(self, execute_callback: Callable[[Any], Any] | None = None) -> None:
-        """Call the callback while the node is spun; what it returns is the result."""
+        """Call the callback while the node is spun; its return value is the result."""
         if self.status == GoalStatus.STATUS_ACCEPTED:  # and not to be cancelled already
             self.status = GoalStatus.STATUS_EXECUTING
         self._server.execute(self, execute_callback)
@@ -99,7 +99,7 @@ class ServerGoalHandle(TakesTypes):
         self._handle.feedback(feedback)
 
     def succeed(self, response: Any = None) -> None:
-        """It is done; sends the Result if one is given, else it is what the callback returns."""
+        """It is done; sends the Result if one is given, else the callback's return value."""
         self._end(GoalStatus.STATUS_SUCCEEDED, response)
 
     def abort(self, response: Any = None) -> None:
@@ -211,7 +211,7 @@ class ActionServer(TakesTypes):
             )
 
     def execute(self, goal: ServerGoalHandle, callback: Callable[[Any], Any] | None) -> None:
-        """Call the callback while the node is spun, and send what it returns."""
+        """Call the callback while the node is spun, and send its return value."""
         run = partial(self._run, goal, callback or self._execute)
         # In no group, as in ROS: it may be cancelled, and others begin, while it awaits.
         self._node.work.submit(run, what=self._what)

@@ -15,7 +15,7 @@ from typing import Protocol
 from tfbus.base.wording import listed, printable
 from tfbus.ros.definitions import Definition
 
-# What it calls for each message: `on_message(payload, gid)`; the gid is that of the publisher.
+# A leg calls it for each message: `on_message(payload, gid)`; the gid is the publisher's.
 OnMessage = Callable[[bytes, str], None]
 
 # All publishers of a topic together are behind one subscription: each of their last messages must
@@ -31,7 +31,7 @@ TRANSFORMS_READER_DEPTH = 5000
 class LegSettings:
     """How a leg appears in ROS: as a node of this name, in this namespace ("" or "robot1").
 
-    `domain` is that of ROS 2, or None for what ROS's own environment says. `connect` are endpoints
+    `domain` is ROS 2's, or None for the one of ROS's own environment. `connect` are endpoints
     of the middleware, as the `--ros-connect` of the command; () for its usual ones. `distro` is the
     distribution of the ROS around, "" for any that has the present wire.
     """
@@ -184,7 +184,7 @@ class LostMessages:
         key = topic, gid
         last = self._last.get(key)
         if last is not None and number <= last:
-            return  # one that was kept, for those who come late
+            return  # one that was kept, for late subscribers
         if last is None and len(self._last) >= _MOST_PUBLISHERS:
             self._last.clear()
         self._last[key] = number
@@ -192,7 +192,7 @@ class LostMessages:
             self._lose(topic, number - last - 1)
 
     def was_full(self, topic: str) -> None:
-        """As many messages waited as may wait: what came before them is lost, one at least."""
+        """As many messages waited as may wait: earlier ones are lost, one at least."""
         self._lose(topic, 1)
 
     def _lose(self, topic: str, count: int) -> None:
@@ -256,8 +256,8 @@ _MODULES = {
 def open_leg(via: str, settings: LegSettings, log: logging.Logger) -> Leg:
     """Join ROS by "zenoh", "dds", "rclpy" or "rospy".
 
-    Raises TfbusError if the middleware is not installed, with what installs it, or if it
-    cannot be joined.
+    Raises TfbusError if the middleware is not installed, with the command that installs it, or if
+    it cannot be joined.
     """
     leg: Leg = import_module(_MODULES[via]).open_leg(settings, log)
     return leg

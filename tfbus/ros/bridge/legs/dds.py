@@ -72,7 +72,7 @@ except ImportError as error:
 # of that is lost.
 _DISCOVERY_S = 10.0
 
-# What Cyclone prints, as in its dds/ddsrt/log.h. A trace that CYCLONEDDS_URI asks for has it all.
+# The levels that Cyclone prints, as in its dds/ddsrt/log.h. A trace by CYCLONEDDS_URI has all.
 _FATAL, _ERROR, _WARNING = 1, 2, 4
 
 _HUMBLE_AND_BEFORE = ("foxy", "galactic", "humble")
@@ -154,7 +154,7 @@ class DdsSender:
             raise TfbusError(f"DDS does not take the message for {self._topic}: {error}") from error
 
     def close(self) -> None:
-        """It is gone, and what it kept."""
+        """It is gone, with its kept messages."""
         writer, self.writer = self.writer, None
         if writer is not None:
             self._leg.drop_sender(self, writer)
@@ -202,7 +202,7 @@ class DdsSubscription:
             if MOST_TAKEN <= len(taken) < self._depth:
                 taken += reader.take(self._depth - MOST_TAKEN)
         if len(taken) >= self._depth:
-            # Cyclone does not count what gives way in a full history.
+            # Cyclone does not count the messages that give way in a full history.
             self._leg.lost_messages.was_full(self.topic.name)
         return taken
 
@@ -235,12 +235,12 @@ class DdsLeg:
         self.sockets = udp_sockets() - others
 
     def _join(self) -> None:
-        # What makes a participant one of ROS, and in which enclave it is.
+        # This makes a participant one of ROS, and names its enclave.
         enclave = Policy.Userdata(b"enclave=/;")
         self._participant = DomainParticipant(self._number, qos=Qos(enclave))
         self.gid = self._participant.guid
         self._joined_s = time.monotonic()
-        # Of what follows, and of what ROS hears of it.
+        # Of the fields below, and of their announcement to ROS.
         self._lock = threading.RLock()
         self._closing = False
         self._topics: dict[tuple[str, type[RawSample]], Topic[RawSample]] = {}
@@ -300,7 +300,7 @@ class DdsLeg:
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
-        """That there is no ROS, whom it cannot listen to, and what the system dropped."""
+        """Sentences: that there is no ROS, publishers that are not heard, drops of the system."""
         with self._lock:
             topics = [each.topic for each in self._subscriptions]
         # Some programs speak ROS's DDS and tell no node.
@@ -369,7 +369,7 @@ class DdsLeg:
             self._waits.wait(duration(infinite=True))
             if self._closing:
                 return
-            # Who publishes comes before what is published.
+            # Publishers come before their messages.
             self._safely(self.watch.update)
             with self._lock:
                 subscriptions = list(self._subscriptions)
@@ -392,7 +392,7 @@ class DdsLeg:
         return self._topics[key]
 
     def _tell_nodes(self) -> None:
-        """Tell ROS what is this node's; at the end the participant is gone with all of it."""
+        """Tell ROS this node's endpoints; at the end the participant is gone with all of them."""
         if self._closing:
             return
         node = NodeEntities(
@@ -435,12 +435,12 @@ def _qos(topic: RosTopic) -> Qos:
 _IGNORING_OWN = Qos(Policy.IgnoreLocal.Participant)
 
 
-# Cyclone refuses what Fast DDS 3 says of types, and then matches nothing of it: for these vendors
-# (Connext, Fast DDS, Cyclone itself) the name of a type decides, as everywhere in ROS.
+# Cyclone refuses Fast DDS 3's descriptions of types, and then matches nothing of it: for these
+# vendors (Connext, Fast DDS, Cyclone itself) the name of a type decides, as everywhere in ROS.
 _VENDORS = "1.1,1.15,1.16"
 
-# Messages that a reader has not confirmed are at most those of the history; more than this many
-# bytes of them would make a writer wait, and all of Python with it.
+# At most the messages of the history are not confirmed by a reader; more than this many bytes of
+# them would make a writer wait, and all of Python with it.
 _MOST_WAITING = "256 MB"
 
 # A host, in brackets where it is an address of IPv6, and a port.
@@ -559,7 +559,7 @@ _ALWAYS = _domain_xml(
     "<Internal>"
     "<GenerateKeyhash>true</GenerateKeyhash>"
     # As much of this as the system allows (net.core.rmem_max) waits while the process gets no CPU;
-    # the rest is lost where its publishers do not keep it. Only what waits takes memory.
+    # the rest is lost if its publishers do not keep it. Only waiting bytes take memory.
     '<SocketReceiveBufferSize max="16 MiB"/>'
     f"<Watermarks><WhcHigh>{_MOST_WAITING}</WhcHigh></Watermarks>"
     "</Internal>"

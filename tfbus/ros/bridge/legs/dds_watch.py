@@ -26,10 +26,10 @@ from tfbus.ros.message_type import (
 )
 from tfbus.ros.rmw import dds_type, decode_nodes
 
-# Before the names of types in what cyclonedds tells of them, so that no type there is one of ROS.
-# Cyclone answers each question about types, also one meant for others, with those it knows. For a
-# type of ROS that has some of the same parts, Fast DDS 3 (ROS 2 Kilted) takes such an answer as the
-# last, finds it inconsistent, and does not match the publishers of that type. Where Cyclone knows
+# Before the names of types in cyclonedds's descriptions, so that no type there is one of ROS.
+# Cyclone answers each question about types, also one meant for others, with the types it knows. For
+# a type of ROS that has some of the same parts, Fast DDS 3 (ROS 2 Kilted) takes such an answer as
+# the last, finds it inconsistent, and does not match the publishers of that type. If Cyclone knows
 # nothing of it, Fast DDS goes by the name of the type.
 _OWN = "tfbus."
 
@@ -162,7 +162,7 @@ class DdsWatch:
         self._names: dict[str, dict[str, str]] = {}
 
     def update(self) -> None:
-        """Take in what is new. From one thread at a time."""
+        """Take new publications and nodes. From one thread at a time."""
         while taken := self._publications.take(MOST_TAKEN):
             with self._lock:
                 for each in taken:

@@ -47,7 +47,7 @@ except ImportError as error:
 _NOT_YET_KNOWN = "_NODE_NAME_UNKNOWN_"
 _OF_NO_NODE = "_CREATED_BY_BARE_DDS_APP_"
 
-# Own messages that have not come back yet, where they can only be told by what is in them.
+# Own messages that have not come back yet, if only their bytes can tell them.
 _MOST_OWN = 1000
 
 # In the place of the number of a message, where the middleware does not tell.
@@ -73,7 +73,7 @@ class _OwnMessages:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        # Those which never come back go first.
+        # Messages that never come back go first.
         self._waiting: Bounded[int, int] = Bounded(_MOST_OWN)
 
     def add(self, key: int) -> None:
@@ -96,7 +96,7 @@ class RclpySender:
     def __init__(self, leg: "RclpyLeg", topic: RosTopic, publisher: Any, gid: str) -> None:
         self.gid = gid
         self.topic = topic.name
-        # The hashes of what later subscriptions get, too; counted where ROS tells no publishers.
+        # The hashes of messages that later subscriptions get, too; if ROS tells no publishers.
         self.kept: deque[int] = deque(maxlen=topic.depth if topic.retained else 0)
         self._leg = leg
         self._publisher = publisher
@@ -120,7 +120,7 @@ class RclpySender:
         publisher.publish(payload)
 
     def close(self) -> None:
-        """It is gone, and what it kept."""
+        """It is gone, with its kept messages."""
         publisher, self._publisher = self._publisher, None
         if publisher is not None:
             self._leg.drop_sender(self, publisher)

@@ -19,7 +19,7 @@ from tfbus.ros.ros1 import DEFAULT_MASTER, Ros1Master, Ros1State, Ros1Type, ros1
 # Where Debian has it, and ROS Noetic.
 _FOLDERS = ("/usr/lib/python3/dist-packages", "/opt/ros/noetic/lib/python3/dist-packages")
 
-# How often the master is asked what there is, and how long it may take to answer.
+# How often the master is asked for its state, and how long it may take to answer.
 _POLL_EVERY_S = 1.0
 _ANSWER_WITHIN_S = 2.0
 
@@ -44,7 +44,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
     _wait_for_master(client, master, log)
     _check_name_is_free(client, settings.full_name)
     level, handlers = log.level, list(logging.getLogger().handlers)
-    # Signals and time are the node's affair; what rospy logs goes to its own file.
+    # Signals and time are the node's affair; rospy's log goes to its own file.
     rospy.init_node(
         settings.node,
         argv=[],
@@ -62,8 +62,8 @@ def _imported_rospy() -> Any:
     try:
         return import_module("rospy")
     except ImportError as error:
-        # It is Python alone, so that that of the system works in a virtual environment, too. Behind
-        # all that is there, since what else the system has may be older.
+        # It is Python alone, so that the system's works in a virtual environment, too. Behind all
+        # other folders, since the system's further packages may be older.
         sys.path += [folder for folder in _FOLDERS if Path(folder, "rospy").is_dir()]
         try:
             return import_module("rospy")
@@ -136,13 +136,13 @@ class RospyLeg:
         self._publishers: Mapping[str, Sequence[str]] = {}
         self._is_simulated = False
         self._is_there = True
-        # The master forgets no node that was killed: those whose topics are asked for are called.
+        # The master forgets no node that was killed: nodes whose topics are asked for are called.
         self._asked: set[str] = set()
         self._dead: frozenset[str] = frozenset()
         self._closed = threading.Event()
         with suppress(OSError):  # the thread that watches it says so
             self._take_state(self._new_master())
-        # What does not answer holds up its thread alone.
+        # A master or node that does not answer holds up its thread alone.
         self._threads = [
             threading.Thread(target=run, name=f"{full_name} {what}", daemon=True)
             for run, what in ((self._watch_master, "master"), (self._watch_nodes, "nodes"))
@@ -169,7 +169,7 @@ class RospyLeg:
         return [RosPublisher(_gid(node), node) for node in nodes if node not in away]
 
     def lost(self) -> Mapping[str, int]:
-        """Nothing: messages of ROS 1 have no numbers, and what its queues drop is not counted."""
+        """Nothing: messages of ROS 1 have no numbers, and its queues do not count their drops."""
         return {}
 
     def warnings(self) -> Sequence[str]:
@@ -360,8 +360,8 @@ class RospySubscription:
             topic.name,
             _message_class(self._type),
             self._receive,
-            # None: of what rospy reads at once, 64 kB, it would drop all but so many. What it does
-            # not read waits at the publisher.
+            # None: of the 64 kB that rospy reads at once it would drop all but so many messages.
+            # Unread ones wait at the publisher.
             queue_size=None,
             tcp_nodelay=True,
         )

@@ -1,6 +1,6 @@
 """The leg by rmw_zenoh's wire: ROS 2 over Zenoh, without ROS on the machine.
 
-Its graph of publishers, subscribers and nodes is what their tokens say.
+Its graph of publishers, subscribers and nodes is made of their tokens.
 """
 
 import itertools
@@ -85,7 +85,7 @@ class RosGraph:
     def __init__(
         self, domain: int, own: str, clock_s: Callable[[], float] = lambda: scheduler.monotonic()
     ) -> None:
-        # Tokens that are not of that form, or beyond what is kept.
+        # Tokens that are not of that form, or beyond the bound.
         self.dropped = 0
         self._domain = domain
         self._own = own
@@ -94,7 +94,7 @@ class RosGraph:
         self._elsewhere: Counter[int] = Counter()
         self._tokens: dict[str, RosToken] = {}
         self._publishers: dict[str, dict[str, RosPublisher]] = {}
-        # Those of all publishers.
+        # The gids of all publishers.
         self.gids: set[str] = set()
         # By topic and gid.
         self._untold: Bounded[tuple[str, str], _Untold] = Bounded(_MOST_UNTOLD)
@@ -227,7 +227,7 @@ def open_leg(settings: LegSettings, log: logging.Logger) -> "ZenohLeg":
 class ZenohLeg:
     """A node in ROS over Zenoh, until `close()`; see `tfbus.ros.bridge.legs.Leg`.
 
-    If no router answers it keeps trying, and declares then what was asked for meanwhile.
+    If no router answers it keeps trying, and then makes the declarations asked for meanwhile.
     """
 
     name = "rmw_zenoh"

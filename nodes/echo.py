@@ -244,7 +244,7 @@ def _wait_for_answer(
         if time.monotonic() >= say_at_s:
             stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
             why = f"{stands}: {_explained(reason, listener)}"
-            if why != said:  # what is not known does not change each second
+            if why != said:  # the reason does not change each second
                 node.log.info("Waiting for transform %s%s", question, why)
             said = why
             say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)

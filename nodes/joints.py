@@ -49,7 +49,7 @@ _STANDARD_INPUT = 0
 # How often the rows of a table that are due are published.
 _TABLE_TICK_S = 0.005
 
-# After this long without a description, the log says what it waits for.
+# After this long without a description, the log says that it waits for one.
 _SAY_AFTER_S = 2.0
 
 RATE = Declared("rate", 30.0, "Messages a second.", minimum=0.01, maximum=10_000.0)
@@ -58,7 +58,7 @@ ZEROS = Declared("zeros.JOINT", 0.0, "Where a joint rests, in rad or m, as --set
 # The parameter `zeros.elbow` is where joint elbow rests, as in joint_state_publisher.
 _ZEROS = "zeros."
 
-# What does the same as a parameter of joint_state_publisher that is none here.
+# Substitutes for parameters of joint_state_publisher that are none here.
 _IN_ROS = {
     "source_list": "give each topic by --source",
     "delta": "--sweep moves the joints, at the speeds of the URDF",

@@ -95,7 +95,7 @@ class RobotState:
         """
         self._change(JointFrames(robot, self._frames.prefix), source)
 
-    # What it publishes
+    # Publishing
 
     def _publish_description(self, static: list[TransformStamped]) -> None:
         frames = self._frames
@@ -117,7 +117,7 @@ class RobotState:
         self._watch_missing()
 
     def _change(self, frames: JointFrames, source: str) -> None:
-        # Before anything is published: what cannot be sent must not take the place of the former.
+        # Before anything is published: a robot that cannot be sent must not replace the former.
         transforms = frames.static(self._node.now_ns())
         former, self._frames = self._frames, frames
         self._source = source
@@ -127,7 +127,7 @@ class RobotState:
         if gone := before - static:
             self._statics.remove(*gone)
         edges = frames.edges
-        # Those that move still are sent again soon; static ones have taken the place of theirs.
+        # Frames that still move are sent again soon; static ones have taken the place of theirs.
         ended = {child for child, parent in self._moving.items() if edges.get(child) != parent}
         self._moving = {
             child: parent
@@ -167,7 +167,7 @@ class RobotState:
                 "Where that goes on, joint_states has two publishers with different clocks",
             )
 
-    # What it says
+    # The log
 
     def _say_once(self, kind: str, text: str, *values: object) -> None:
         if kind not in self._said:
@@ -212,7 +212,7 @@ class RobotState:
                 listed(missing),
             )
 
-    # What others ask of it
+    # Requests
 
     def _set_description(self, request: SetDescription.Request) -> SetDescription.Response:
         try:

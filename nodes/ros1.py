@@ -1,4 +1,4 @@
-"""`tfbus ros1`: frames of the bus are frames of ROS 1, and those of ROS 1 are frames of the bus.
+"""`tfbus ros1`: frames of the bus are frames of ROS 1, and frames of ROS 1 are frames of the bus.
 
 Try it beside roscore: tfbus ros1
 """

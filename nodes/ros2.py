@@ -1,4 +1,4 @@
-"""`tfbus ros2`: frames of the bus are frames of ROS 2, and those of ROS 2 are frames of the bus.
+"""`tfbus ros2`: frames of the bus are frames of ROS 2, and frames of ROS 2 are frames of the bus.
 
 Try it: tfbus ros2 --via zenoh, beside ROS 2 with rmw_zenoh and its router.
 """

@@ -40,7 +40,7 @@ class Crossing:
 
 
 def crossing_options(function: F) -> F:
-    """Add the options of what crosses to a click command, which gets a Crossing as `crossing`."""
+    """Add the options of the crossing to a click command, which gets a Crossing as `crossing`."""
 
     @functools.wraps(function)
     def command(
@@ -137,7 +137,7 @@ def _check_directions(options: BridgeOptions, table: TopicTable) -> None:
             )
 
 
-# Those that BridgeOptions has by the same names.
+# The options that BridgeOptions has by the same names.
 _OF_BRIDGE = ("frame_prefix", "frames", "rate_limit_hz", "clock")
 
 _OPTIONS = (

@@ -25,7 +25,7 @@ from tfbus.command import own_name
 from .shared_view import SHARED, Recipient, View, look
 
 ALL = "all"
-# How often to look for other robots, and to retry those whose bus could not be joined.
+# How often to look for other robots, and to retry the ones whose bus could not be joined.
 _LOOK_ROUND_S = 1.0
 # A frame without a transform after this time is logged.
 _PATIENCE_S = 2.0
@@ -164,9 +164,9 @@ class Sharing:
         return turn % self._turns(seconds) == 0
 
     def _look(self, *, logs_missing: bool) -> None:
-        """Look up all frames; log those that appear or disappear.
+        """Look up all frames; log frames that appear or disappear.
 
-        With `logs_missing` also log those without a transform.
+        With `logs_missing` also log frames without a transform.
         """
         for frame in self._frames:
             view = look(self._buffer, self._relative_to, frame)

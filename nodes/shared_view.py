@@ -1,4 +1,4 @@
-"""The view of one robot's frames that another robot gets, and what was sent of it."""
+"""The view of one robot's frames that another robot gets, and the part sent so far."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace

@@ -86,7 +86,7 @@ class Simulator:
         self.world.holonomic = self._holonomic.value
 
     def _update_interfaces(self) -> None:
-        """Give every turtle of the world an interface, and remove those of others."""
+        """Give every turtle of the world an interface, and remove the others."""
         for name in set(self._interfaces) - set(self.world.turtles):
             self._interfaces.pop(name).close()
         for name in self.world.turtles:

@@ -70,7 +70,7 @@ class Driver:
         self._patience_s = _FIRST_LOOK_S
 
     def press(self, key: str) -> None:
-        """Do what the key is for, in upper or lower case; ignores other keys."""
+        """Follow a key, in upper or lower case; ignores unknown ones."""
         key = key.lower()
         if key in DRIVES:
             self._drive(*DRIVES[key])

@@ -1,9 +1,9 @@
 """Coordinate frames for distributed robots, without ROS.
 
-The names listed here are public, and those of `tfbus.messages`, `tfbus.testing`, `tfbus.view`,
+The names listed here are public, and the names of `tfbus.messages`, `tfbus.testing`, `tfbus.view`,
 `tfbus.compat`, and `files`, `formats` and `trajectories` of `tfbus.buffer`; everything else is
 private. Names are imported when first used, so that `import tfbus` costs nothing and a command
-loads only what it needs.
+loads only the modules that it needs.
 """
 
 from tfbus.base.lazy_exports import imported

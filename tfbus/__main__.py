@@ -17,10 +17,10 @@ def main() -> None:
     # system's: it waits until that is done.
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    # Where a shell started it in the background, SIGINT is ignored and stays so.
+    # If a shell started it in the background, SIGINT is ignored and stays so.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    # `tfbus launch` holds back from its nodes what comes before this line.
+    # `tfbus launch` holds back signals from its nodes up to this line.
     if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     # A letter that the terminal's encoding lacks, or half of one on the command line, is printed as

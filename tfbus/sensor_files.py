@@ -286,7 +286,7 @@ def _header(data: bytes, last: str) -> tuple[list[list[str]], int]:
 
 
 def _points(data: bytes, dtype: "np.dtype[Any]", count: int, *, is_text: bool) -> NDArray[Any]:
-    """The points behind a header, as a structured array (count,); what follows them is not read."""
+    """The points behind a header, as a structured array (count,); bytes after them are not read."""
     if is_text:
         have = data.count(b"\n") + (not data.endswith(b"\n"))
     else:
@@ -301,7 +301,7 @@ def _points(data: bytes, dtype: "np.dtype[Any]", count: int, *, is_text: bool) -
         try:
             points = np.loadtxt(io.BytesIO(data), dtype, comments=None, ndmin=1, max_rows=count)
         except ValueError as error:
-            # Behind the semicolon it advises what only a program can do.
+            # Behind the semicolon is advice for programs.
             said = str(error).partition(";")[0]
             raise ValueError(f"a line of its points has other numbers: {said}") from error
     if len(points) != count:

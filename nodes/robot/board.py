@@ -31,8 +31,8 @@ class Board:
         self.posture = Posture()
 
     def take_robot(self, robot: Robot) -> None:
-        """Have the joints of this robot; those of the former that have the same name stay
-        where they are.
+        """Have the joints of this robot; the former robot's joints of the same name stay where they
+        are.
         """
         ranges = ranges_of(robot, self._rests)
         with self._changes:

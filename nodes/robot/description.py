@@ -5,7 +5,7 @@ from pathlib import Path
 
 from tfbus import Robot
 
-# What a xacro file may read besides the files that it includes.
+# The endings of files that a xacro file may read besides the ones that it includes.
 _ENDINGS = (".urdf", ".xacro", ".xml", ".yaml", ".yml")
 
 # A folder with more is not a robot's own: only the files that were read are watched then.
@@ -32,7 +32,7 @@ class DescriptionFile:
 
     def load(self) -> Robot:
         """Read it. Raises UrdfError, with the line."""
-        # Before it is read: what changes meanwhile is read again.
+        # Before it is read: a file that changes meanwhile is read again.
         self._read = self._seen = self._signature()
         robot = Robot.from_urdf(
             self.path, package_path=self._package_path, xacro_args=self._xacro_args

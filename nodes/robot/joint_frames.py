@@ -64,7 +64,7 @@ class JointFrames:
     def take(
         self, state: JointState, stamp_ns: int, *, period_ns: int = 0, ignore_stamps: bool = False
     ) -> list[TransformStamped]:
-        """The transforms of the joints in a state, and of those that mimic them, at its stamp.
+        """The transforms of the joints in a state, and of their mimics, at its stamp.
 
         Empty if they are not due: one of the joints must have been sent `period_ns` before, or
         longer ago. With `ignore_stamps` they are always due.

@@ -70,5 +70,5 @@ def _meshes(robot: Robot) -> dict[str, Any]:
 
 
 def _beside(meshes: Mapping[str, Any], name: str) -> Path | None:
-    """The file of what one of the meshes reads, such as a texture."""
+    """A file that one of the meshes reads, such as a texture."""
     return next(filter(None, (mesh.beside(name) for mesh in meshes.values())), None)

@@ -16,7 +16,7 @@ from tfbus.messages import JointState
 
 from .ranges import Range
 
-# Where the clock jumps further, as when simulated time is set, motions leave out what lies between.
+# If the clock jumps further, as when simulated time is set, motions leave out the time between.
 _LONGEST_JUMP_S = 600.0
 
 # The same for tables, of which each row is a message.
@@ -217,7 +217,7 @@ def rows_of_csv(path: Path, robot: Robot, rate_hz: float) -> list[Row]:
 def _columns(
     path: Path, header: Sequence[str], robot: Robot, rate_hz: float
 ) -> tuple[dict[str, int], Callable[[list[float], int], float]]:
-    """The columns of joints by name, and what tells the seconds of a row from its numbers."""
+    """The columns of joints by name, and a function that gives the seconds of a numbered row."""
     joints: dict[str, int] = {}
     time: tuple[int, float] | None = None
     for at, name in enumerate(header):

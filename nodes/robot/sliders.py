@@ -22,7 +22,7 @@ _BOLD, _FAINT, _END = "\x1b[1m", "\x1b[2m", "\x1b[0m"
 
 
 class Sliders:
-    """Which joint of a board is chosen, and what keys do to it."""
+    """The chosen joint of a board, and the keys that move it."""
 
     def __init__(self, board: Board) -> None:
         self._board = board
@@ -35,7 +35,7 @@ class Sliders:
         return self._chosen_of(list(self._board.posture.ranges))
 
     def press(self, key: str) -> None:
-        """Do what a key is for; others are ignored."""
+        """Follow a key; unknown ones are ignored."""
         board, posture = self._board, self._board.posture
         chosen = self._chosen_of(list(posture.ranges))
         if not chosen:
@@ -123,7 +123,7 @@ def run_sliders(node: Node, terminal: RawTerminal, board: Board) -> None:
 
 
 class _Screen:
-    """Draws the lines over those before; the cursor stays at the first.
+    """Draws the lines over the former ones; the cursor stays at the first.
 
     Lines of the log take their place, and they are drawn below it.
     """
@@ -133,7 +133,7 @@ class _Screen:
         self._state: object = None
 
     def show(self, sliders: Sliders, posture: Posture) -> None:
-        """Draw what has changed."""
+        """Draw the lines if they have changed."""
         size = shutil.get_terminal_size()
         state = (posture, sliders.chosen, size)
         if state == self._state:

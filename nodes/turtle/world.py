@@ -37,7 +37,7 @@ class TurtleView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """The world at one moment: what a window draws.
+    """The world at one moment, as a window draws it.
 
     `ink` is (size, size, 4) bytes from `Canvas.copy`; two snapshots of the same ink share one
     array and one `version`.

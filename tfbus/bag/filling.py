@@ -346,7 +346,7 @@ class Filling:
         asking.start()
 
     def _again_ns(self, keeper: _Keeper) -> int:
-        """From where on a later gap of a keeper begins, at the earliest."""
+        """The log time at which a later gap of a keeper begins, at the earliest."""
         next_ns = self._recorder.now_ns() if keeper.lost_ns is None else keeper.lost_ns
         return min([next_ns - _BEFORE_NS, *(gap.from_ns for gap in keeper.gaps[1:])])
 

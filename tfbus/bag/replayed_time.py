@@ -77,7 +77,7 @@ class ReplayedClock:
             self._publish(self._playhead.progress)
 
     def _clock_of(self, item: Item) -> Clock | None:
-        """Time of the recorded clock in an item; None in others, and where it cannot be read."""
+        """Time of the recorded clock in an item; None in others, and if it cannot be read."""
         if not isinstance(item, TopicItem) or item.topic != self._recorded_topic:
             return None
         try:

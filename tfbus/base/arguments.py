@@ -65,7 +65,7 @@ def shown(value: object) -> str:
 
 def seconds_to_wait(timeout_s: float | None) -> float | None:
     """How long to wait: 0 for a negative time, as of a deadline that has passed; None for ever,
-    also for infinity and what no lock can wait for (292 years).
+    also for infinity and times that no lock can wait (292 years).
 
     Raises TypeError if it is no number, ValueError if it is NaN.
     """

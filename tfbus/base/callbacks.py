@@ -125,7 +125,7 @@ class OneAtATime(AllAtOnce):
 
 
 class CallbackGroup:
-    """A group of callbacks of one node, which run on threads beside those of its other callbacks.
+    """A group of callbacks of one node, which run on other threads than its further callbacks.
 
     Give it to `create_subscription`, `create_timer`, `create_service` and others. A callback
     without a group is in the node's own, which is mutually exclusive and has the node's thread.
@@ -138,8 +138,8 @@ class CallbackGroup:
 
 
 class MutuallyExclusiveCallbackGroup(CallbackGroup):
-    """Callbacks that run one at a time, in the order in which they became due, beside those of the
-    node's other groups.
+    """Callbacks that run one at a time, in the order in which they became due, beside the node's
+    other groups.
 
     Give one group to `create_subscription`, `create_timer`, `create_service` and others of a node.
     """
@@ -151,7 +151,7 @@ class MutuallyExclusiveCallbackGroup(CallbackGroup):
 
 class ReentrantCallbackGroup(CallbackGroup):
     """Callbacks that may all run at once, also several calls of the same one: they need locks for
-    what they share.
+    shared data.
     """
 
 
@@ -320,8 +320,8 @@ class Delays:
             self._pairs[by, what] = count + lost, max(longest_s, took_s)
 
     def _culprit(self, since_s: float, running: Iterable[Ran]) -> tuple[str, list[float]] | None:
-        """Whose callbacks took the most time since then, and how long each of them took, without
-        what it waited for a CPU. Callbacks of tfbus's own timers are left out.
+        """The name whose callbacks took the most time since then, and how long each of them took,
+        without its waits for a CPU. Callbacks of tfbus's own timers are left out.
         """
         shares_s: defaultdict[str, float] = defaultdict(float)
         calls_s: defaultdict[str, list[float]] = defaultdict(list)

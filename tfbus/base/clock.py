@@ -120,7 +120,7 @@ class Clock:
 
 
 class SystemClock(Clock):
-    """The system's time; the seconds of its limits are those of its monotonic clock."""
+    """The system's time; the seconds of its limits are by its monotonic clock."""
 
     def now_ns(self) -> int:
         return scheduler.time_ns()
@@ -198,7 +198,7 @@ class SimulatedClock(Clock):
             self._now_ns = now_ns
             due = self._take_due()
             callbacks = self._jump_callbacks if step_ns < 0 else []
-        # Callbacks forget what is in the future now, before waits can look it up.
+        # Callbacks forget samples that are in the future now, before waits can look them up.
         for callback in callbacks:
             callback(now_ns)
         for alarm in due:
@@ -370,8 +370,8 @@ class Timer:
         self.is_awaited = False
 
     def fire(self) -> Any:
-        """Run the callback, unless the coroutine of a former tick has not ended; returns what it
-        returns, of a coroutine one to await in its place.
+        """Run the callback, unless the coroutine of a former tick has not ended; returns its value,
+        of a coroutine one to await in its place.
         """
         if self.is_awaited:
             return None

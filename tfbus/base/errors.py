@@ -13,7 +13,7 @@
         StaleException                  an edge is too old, or its publisher is gone
         InvalidArgumentException        a name, number or shape is invalid
           LoopException                   an edge would close a loop in the tree
-        TimeoutException                the wait ended; `reason` is what was missing
+        TimeoutException                the wait ended; `reason` is the error that held until then
       DecodeError                     bytes are not a message
       BusError                        Zenoh failed, or the session is closed
       ServiceError                    a service or action refused, or did not answer
@@ -25,8 +25,8 @@
         MissingFileError                it is not there
       RightsError                     the identity may not do that on a closed bus
 
-The names of the transform errors are tf2's. Each message says in one sentence what is wrong, the
-`fact`, and what to do, the `advice`; it is made when it is printed. Names in it are fields.
+The names of the transform errors are tf2's. Each message is one sentence of the mistake, the
+`fact`, and the remedy, the `advice`; it is made when it is printed. Names in it are fields.
 
 If Python has an error of the same meaning, the class derives from it too, so that `except` of
 either catches it:
@@ -50,8 +50,8 @@ from tfbus.base.wording import listed, natural_order, near_names
 class TfbusError(Exception):
     """Root of all errors that tfbus raises on purpose.
 
-    `fact` is what is wrong, and `advice` what to do, "" if the fact says it already: the message is
-    the one, a semicolon, and the other.
+    `fact` names the mistake, and `advice` the remedy, "" if the fact says it already: the message
+    is the one, a semicolon, and the other.
     """
 
     advice: str = ""
@@ -147,7 +147,7 @@ class LookupException(TransformException, LookupError):
 
     @property
     def advice(self) -> str:
-        """The names that may be meant, or what was given as advice."""
+        """The names that may be meant, or the given advice."""
         given = vars(self).get("advice", "")
         if given or self.known is None:
             return str(given)
@@ -241,7 +241,7 @@ class SingleSampleException(ExtrapolationException):
 class GapException(ExtrapolationException):
     """The samples of an edge around the requested time are farther apart than `max_gap_s`.
 
-    `before_ns` and `after_ns` are the stamps of the two; with extrapolation those of the first two
+    `before_ns` and `after_ns` are the stamps of the two; with extrapolation of the first two
     or the last two. For a given time waiting does not help; for the latest it may.
     """
 

@@ -46,7 +46,7 @@ class EventLoop:
         task.add_done_callback(lambda task: self._forget(what, task))
 
     def turn(self) -> None:
-        """Run what is due now."""
+        """Run the steps that are due now."""
         self._loop.call_soon(self._loop.stop)
         self._loop.run_forever()
 
@@ -62,11 +62,11 @@ class EventLoop:
         self._loop.call_soon_threadsafe(self._loop.stop)
 
     def close(self) -> None:
-        """Cancel all coroutines; those that do not end within 1 s are left as they are."""
+        """Cancel all coroutines; any that does not end within 1 s is left as it is."""
         for task in self._tasks:
             task.cancel()
         if self._tasks:
-            # A copy: those that end at once are forgotten before the wait begins.
+            # A copy: tasks that end at once are forgotten before the wait begins.
             ending = asyncio.wait(list(self._tasks), timeout=_LAST_STEPS_S)
             self._loop.run_until_complete(ending)
         self._loop.run_until_complete(self._loop.shutdown_asyncgens())

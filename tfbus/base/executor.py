@@ -33,7 +33,7 @@ _READ_WAIT_EVERY_S = 0.25
 
 
 class _Worker:
-    """A thread: what it runs now, "" while it waits, and since when."""
+    """A thread: the name of its callback, "" while it waits, and since when it runs."""
 
     __slots__ = ("began_s", "bell", "read_s", "ring", "thread", "waited_s", "what")
 
@@ -56,9 +56,9 @@ class _Worker:
 class Executor:
     """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
-    On one thread or, with `threads`, on at most so many, those of one group as the group says. Each
-    thread starts when it is first needed. Exceptions of a callback are counted; the first, tenth,
-    hundredth ... is logged with its traceback, and the thread continues.
+    On one thread or, with `threads`, on at most so many, callbacks of one group as the group says.
+    Each thread starts when it is first needed. Exceptions of a callback are counted; the first,
+    tenth, hundredth ... is logged with its traceback, and the thread continues.
 
     A coroutine that a callback returns runs on an event loop between the callbacks: only an `await`
     lets others run. An executor of several threads leaves coroutines to `home`, one of one thread.
@@ -85,7 +85,7 @@ class Executor:
         self._order = itertools.count()
         self._threads: list[scheduler.Thread] = []
         self._workers: list[_Worker] = []
-        # Those that wait for a task; one of them wakes for the next timer.
+        # Workers that wait for a task; one of them wakes for the next timer.
         self._asleep: list[_Worker] = []
         self._timekeeper: _Worker | None = None
         self._loop: EventLoop | None = None
@@ -103,7 +103,7 @@ class Executor:
         limit: int | None = None,
         group: CallbackGroup | None = None,
     ) -> bool:
-        """Run `callback` after those submitted before; `what` names it in the log.
+        """Run `callback` after the ones submitted before; `what` names it in the log.
 
         False if `limit` callbacks of this name wait already, or await something: then it does
         not run.
@@ -223,7 +223,7 @@ class Executor:
             ros_names.add_note(sys.exception())
             self._log.exception("A callback failed, %s so far (%s)", counted(count, "time"), what)
 
-    # What waits, with the lock held
+    # Waiting tasks, with the lock held
 
     def _count_waiting(self, what: str, group: CallbackGroup | None) -> int:
         waiting: list[_Task] = [
@@ -240,7 +240,7 @@ class Executor:
             self._ready.append(task)
 
     def _wake(self) -> None:
-        """Let a thread look what there is to do, if one is idle or may be started."""
+        """Let a thread look for tasks, if one is idle or may be started."""
         if self._asleep:
             self._asleep.pop().ring()
         elif len(self._threads) < self._most_threads and not self._closed:
@@ -264,7 +264,7 @@ class Executor:
         heapq.heappush(self._due, (when_s, next(self._order), timer))
 
     def _queue_due_timers(self, now_s: float) -> None:
-        # Behind what waits already: a timer slower than its period does not hold up the rest.
+        # Behind waiting tasks: a timer slower than its period does not hold up the rest.
         while self._due and self._due[0][0] <= now_s:
             when_s, _, timer = heapq.heappop(self._due)
             self._enqueue((timer.what, partial(self._tick, when_s, timer), timer.group))
@@ -338,7 +338,7 @@ class Executor:
             if answer is not None and isinstance(answer, Coroutine):
                 self._home._start_coroutine(what, answer)
         except (Exception, SystemExit) as error:  # the latter would end the thread without a word
-            # What the end of the node makes impossible is no failure.
+            # An error by the end of the node is no failure.
             if not (self._closed and isinstance(error, TfbusError)):
                 self.note_failure(what)
         if group is not None:

@@ -65,7 +65,7 @@ def commit_of_clone(clone: Path = Path(__file__).parents[2]) -> str:
     return f"clone{at}{', changed' if is_changed else ''}"
 
 
-# What setup.py writes beside the modules that it could not compile; pip hides what it says.
+# setup.py writes it beside the modules that it could not compile; pip hides its output.
 _REASON = Path(__file__).parents[1] / "not_compiled.txt"
 
 SLOWER = "lookups take about 70 times as long"
@@ -133,9 +133,9 @@ def _pip() -> str:
 
 
 def why_not_installed() -> str:
-    """The missing part, and what to do, as a sentence; "" if tfbus is installed.
+    """The missing part, and the remedy, as a sentence; "" if tfbus is installed.
 
-    Python imports first what lies in the folder it is started in. In a clone these are sources:
+    Python imports first from the folder it is started in. In a clone these are sources:
     they are not compiled, and the nodes lie elsewhere.
     """
     from importlib.util import find_spec

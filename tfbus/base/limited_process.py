@@ -1,5 +1,5 @@
-"""The memory and time of this process: what it may take, and what it keeps; and processes for files
-of strangers, which bear the cost of one in place of their parent.
+"""The memory and time of this process: their limits, and the memory that it keeps; and processes
+for files of strangers, which bear the cost of a file in place of their parent.
 """
 
 import sys
@@ -16,8 +16,8 @@ def command_of(module: str) -> list[str]:
 
 
 def limit_this_process(*, memory_bytes: int, cpu_s: float | None = None) -> None:
-    """Limit what this process may take, if the system has such limits: beyond the memory Python
-    raises MemoryError, beyond the time the process is killed.
+    """Limit the memory and time of this process, if the system has such limits: beyond the memory
+    Python raises MemoryError, beyond the time the process is killed.
     """
     try:
         import resource
@@ -65,7 +65,7 @@ def keep_freed_memory() -> None:
     By default glibc gives the memory of a large message back to the system, which fills that of the
     next one with zeros, page by page: that takes as long as to copy it several times.
     """
-    import ctypes  # what needs no bus does not need it
+    import ctypes  # programs without a bus do not need it
 
     with suppress(OSError, AttributeError, TypeError):  # another library
         change = ctypes.CDLL(None).mallopt

@@ -131,7 +131,7 @@ class LogOnce:
     """Logs the first event of each kind; `counts` has how many there were.
 
     With `again_s` an event of the same kind is logged again if the last line is that old, with
-    the number of those in between. Of more than `most` kinds in that time, or in 10 minutes, the
+    the number of events in between. Of more than `most` kinds in that time, or in 10 minutes, the
     rest is left out, which one line says. Safe from any thread.
     """
 

@@ -7,8 +7,8 @@ MOST_LETTERS = 255
 
 
 def mistake_in(name: object) -> str:
-    """Why this cannot be the name of a frame, as the end of a sentence that begins with what the
-    name is for; "" if it can.
+    """Why this cannot be the name of a frame, as the end of a sentence that begins with the kind of
+    the name; "" if it can.
     """
     if not isinstance(name, str):
         return f"must be a str such as 'base_link', not {type(name).__name__}"

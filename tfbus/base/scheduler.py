@@ -23,7 +23,7 @@ monotonic_ns = time.monotonic_ns
 time_ns = time.time_ns
 sleep = time.sleep
 
-# Threads, and what they wait for.
+# Threads, and their locks and events.
 Condition = threading.Condition
 Event = threading.Event
 Lock = threading.Lock
@@ -73,7 +73,7 @@ def longest_wait_for_cpu_s() -> float:
     return 0.0 if is_simulated else max(waits_s)
 
 
-# What tells one process from another.
+# These differ from process to process.
 getpid = os.getpid
 urandom = os.urandom
 
@@ -92,7 +92,7 @@ is_simulated = False
 
 @contextmanager
 def replaced_by(names: dict[str, Any]) -> Iterator[None]:
-    """Until the end of the `with`, these names of this module are those of a simulation."""
+    """Until the end of the `with`, these names of this module are a simulation's."""
     ours = globals()
     former = {name: ours[name] for name in names}
     ours.update(names, is_simulated=True)

@@ -115,7 +115,7 @@ class Wakeup:
     def __enter__(self) -> "Wakeup":
         self._lock = scheduler.Lock()
         self._is_open = not scheduler.is_simulated
-        # Of a simulated process: what it ends, and whether it has.
+        # Of a simulated process: the stop that it ends, and whether it has.
         self.stop: _SimulatedStop | None = None
         self.is_woken = False
         if self._is_open:
@@ -365,7 +365,7 @@ class SignalHandlers:
 _POKE_EVERY_S = 0.05
 
 # `timeout`, `make` and shells send a signal to a process and to its group: it comes twice within an
-# instant, and the second one must not interrupt what the first one started.
+# instant, and the second one must not interrupt the shutdown that the first one started.
 _SAME_SIGNAL_S = 1.0
 
 _stops: weakref.WeakSet[SignalledStop] = weakref.WeakSet()
@@ -414,10 +414,10 @@ def _is_interactive() -> bool:
 
 @contextmanager
 def postponed() -> Iterator[None]:
-    """In the main thread handle signals at the end of the `with`, which then raises what they do.
+    """In the main thread handle signals at the end of the `with`, which then raises as they do.
 
-    For imports: the start of a compiled module clears any exception of what it calls, and with it
-    the KeyboardInterrupt of a signal, so that Ctrl-C would do nothing.
+    For imports: the start of a compiled module clears any exception of its calls, and with it the
+    KeyboardInterrupt of a signal, so that Ctrl-C would do nothing.
     """
     handlers = _handlers()
     if handlers.postponed is not None or not _in_main_thread():
@@ -434,7 +434,7 @@ def postponed() -> Iterator[None]:
 
 
 def _on_fork() -> None:
-    """In a forked child signals do what they do without a node, and nothing wakes the parent."""
+    """In a forked child signals act as without a node, and nothing wakes the parent."""
     handlers = _handlers()
     handlers.installed.clear()
     if handlers.previous:

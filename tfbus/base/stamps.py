@@ -162,7 +162,7 @@ def _stamps(times: Any) -> "NDArray[np.int64]":
         raise InvalidArgumentException(f"times: expected shape (N,), got {array.shape}")
     if array.dtype.kind == "M":
         return _of_datetime64(array)
-    # One by one, so that each is what it is alone.
+    # One by one, so that each is converted as it is alone.
     return np.array([stamp_ns(time) for time in array.tolist()], dtype=np.int64)
 
 

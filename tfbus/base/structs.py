@@ -17,7 +17,7 @@ _T = TypeVar("_T")
 
 
 class Field(NamedTuple):
-    """A value of a `Struct`: its name, its default or what makes one, and where it takes part."""
+    """A field of a `Struct`: its name, its default or a function that makes one, and its uses."""
 
     name: str = ""
     default: Any = _MISSING
@@ -121,7 +121,7 @@ class Struct:
     _fields: ClassVar[tuple[Field, ...]] = ()
     _types: ClassVar[dict[str, Any]] = {}
     _is_frozen: ClassVar[bool] = True
-    # The defaults of all fields, and those fields that have to be given or made.
+    # The defaults of all fields, and the fields that have to be given or made.
     _defaults: ClassVar[dict[str, Any]] = {}
     _unset: ClassVar[tuple[Field, ...]] = ()
     # A dataclass with the same fields, once dataclasses was asked for one.
@@ -221,7 +221,7 @@ def _annotated(cls: type) -> Mapping[str, Any]:
     if sys.version_info >= (3, 14):
         import annotationlib
 
-        # What is imported for type checkers only has no value.
+        # Names imported for type checkers only have no value.
         return annotationlib.get_annotations(cls, format=annotationlib.Format.FORWARDREF)
     return vars(cls).get("__annotations__", {})  # type: ignore[no-any-return]
 

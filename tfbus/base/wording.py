@@ -154,7 +154,7 @@ def did_you_mean(name: str, known: Iterable[str], *, none: str = "") -> str:
 def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str, ...]:
     """The known names that are spelt most like this one, best first; () if none is near.
 
-    Of many names only those are compared that begin and end like it.
+    Of many names only the ones are compared that begin and end like it.
     """
     from difflib import get_close_matches  # slow to import, and few names are wrong
 

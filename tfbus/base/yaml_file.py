@@ -1,9 +1,9 @@
 """YAML of people: files, with a place for each mistake, and values as they are typed.
 
 Typed values are of YAML 1.2, whose words have no traps. PyYAML reads YAML 1.1, in which `no`, `off`
-and `y: 1` hold booleans, 010 is eight, 1:30 is ninety, 1e-3 is a text and 2022-12-07 is a date. Of
-what is typed a plain word is nothing (`null`, `~`), true or false, a number, or else a text, and
-the key of a map is always a text.
+and `y: 1` hold booleans, 010 is eight, 1:30 is ninety, 1e-3 is a text and 2022-12-07 is a date. A
+typed plain word is nothing (`null`, `~`), true or false, a number, or else a text, and the key of a
+map is always a text.
 """
 
 import re
@@ -139,7 +139,7 @@ def read_yaml_file(path: Path, content: str) -> Value:
 
 
 def yaml_mistake(error: yaml.MarkedYAMLError) -> tuple[int, str]:
-    """The line (from 1) of what YAML does not accept, and what is wrong there in plain words."""
+    """The line (from 1) that YAML does not accept, and the mistake there in plain words."""
     problem = error.problem or error.context or "it cannot be read"
     for pattern, reason, is_at_start in _MISTAKES:
         if found := re.search(pattern, problem):
@@ -148,7 +148,7 @@ def yaml_mistake(error: yaml.MarkedYAMLError) -> tuple[int, str]:
     return _line_of(error.problem_mark or error.context_mark), problem
 
 
-# What the parser says; in our words; and whether the line is that where the part begins.
+# The parser's words; ours; and whether the line is the one where the part begins.
 _MISTAKES = (
     (
         "mapping values are not allowed",

@@ -574,7 +574,7 @@ class Tree:
 
 
 def _parent_at(history: History, stamp_ns: int, sampling: Sampling) -> History | None:
-    """The parent at that time; None for a root, and where there is no data."""
+    """The parent at that time; None for a root, and without data."""
     if history.parent is None or not seek_as(history, stamp_ns, sampling):
         return None
     return history.parent_here()

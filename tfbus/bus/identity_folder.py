@@ -1,4 +1,4 @@
-"""An identity's folder: what one machine needs to be on a closed bus."""
+"""An identity's folder: the files that one machine needs to be on a closed bus."""
 
 import hashlib
 import os
@@ -170,7 +170,7 @@ def _rights_of(path: Path, digest: str) -> Rights:
 
 
 def name_file(name: str, begins: datetime, ends: datetime) -> bytes:
-    """The content of identity.yaml: what the certificate says, for those without a library."""
+    """The content of identity.yaml: the certificate's facts, for programs without a library."""
     return f"name: {name}\nbegins: {_shown(begins)}\nends: {_shown(ends)}\n".encode()
 
 

@@ -229,14 +229,14 @@ def _read_key(pem: bytes) -> ec.EllipticCurvePrivateKey:
     return key
 
 
-# The rights that an identity's folder had when it was exported last: what its machine has.
+# The rights that an identity's folder had when it was exported last: its machine has them.
 _EXPORTED_FILE = "exported.yaml"
 _SOON = timedelta(days=30)
 
 
 @dataclass(frozen=True)
 class Listed:
-    """An identity and what its certificate says; None if that cannot be read."""
+    """An identity and its certificate's facts; None if that cannot be read."""
 
     identity: Identity
     facts: Facts | None
@@ -327,7 +327,7 @@ class Keystore:
         (self.path / name / RIGHTS_FILE).unlink(missing_ok=True)
 
     def listed(self) -> list[Listed]:
-        """All identities with what their certificates say."""
+        """All identities with their certificates' facts."""
         return [
             Listed(identity, self._facts(name)) for name, identity in self.rights.identities.items()
         ]
@@ -405,8 +405,8 @@ def _key_problems(path: Path) -> Iterator[str]:
 
 
 def _exported_problems(name: str, folder: Path, rights: Rights) -> Iterator[str]:
-    """Whether the machine of an identity has other rights than those that are to be in force."""
-    # Of a keystore of before, it has what the copy in the folder says.
+    """A sentence if the machine of an identity has other rights than are to be in force."""
+    # Of a keystore of before, it has the rights of the copy in the folder.
     places = [folder / file for file in (_EXPORTED_FILE, RIGHTS_FILE) if (folder / file).is_file()]
     if not places or rights.identities[name].revoked:
         return

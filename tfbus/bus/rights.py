@@ -36,7 +36,7 @@ def check_pattern(pattern: str) -> str:
 
 
 def matches(pattern: str, name: str) -> bool:
-    """Whether a name is one of those that a pattern stands for; `arm/**` stands for `arm` too."""
+    """Whether a pattern stands for a name; `arm/**` stands for `arm` too."""
     return _are_matched(pattern.split("/"), name.split("/"))
 
 
@@ -64,10 +64,10 @@ def as_path(pattern: str) -> str:
 
 
 def as_keys(pattern: str, kind: str) -> list[str]:
-    """The key expressions of what nodes or streams of a pattern have: `arm` of the kind
-    `@tfbus/node` is `@tfbus/node/arm`, and `robot7/arm` is `robot7/@tfbus/node/arm`.
+    """The key expressions of nodes or streams of a pattern: `arm` of the kind `@tfbus/node` is
+    `@tfbus/node/arm`, and `robot7/arm` is `robot7/@tfbus/node/arm`.
 
-    Its last part is that of the name, those before it are a namespace. Names of streams stand
+    Its last part stands for the name, the parts before it for a namespace. Names of streams stand
     escaped, as they do in keys.
     """
     *around, name = pattern.split("/")
@@ -85,7 +85,7 @@ def _as_part(part: str) -> str:
 EVERYTHING = ("**",)
 NOTHING: tuple[str, ...] = ()
 
-# What a role may do where the file of rights does not say more; every role runs its own nodes.
+# The rights of roles if the file of rights does not say more; every role runs its own nodes.
 _ROLES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "reader": {},
     "publisher": dict.fromkeys(("frames", "topics", "serves", "calls"), EVERYTHING),
@@ -99,15 +99,15 @@ _ROLES: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 ROLES = tuple(_ROLES)
 RIGHTS = ("nodes", "frames", "topics", "serves", "calls", "sets")
 
-# Only for those who name it: a clock is the time of all that follow it.
+# Only for identities that name it: a clock is the time of all that follow it.
 NAMED_ONLY = ("clock",)
 
 
 class Identity(Struct):
-    """An identity: who it is by its certificate, and what it may do.
+    """An identity: its name by its certificate, and its rights.
 
     All names are within `namespace`, "" for all namespaces. Each right is a list of patterns, or
-    None for what the role has: names of its `nodes` and of their streams, besides NAME, NAME_* and
+    None for the role's: names of its `nodes` and of their streams, besides NAME, NAME_* and
     _NAME_* in any namespace, which are its own; child `frames` that it
     publishes; `topics` that it publishes; services and actions that it `serves` and `calls`;
     parameters of other nodes that it `sets`, as node/parameter. Every identity may read all of its
@@ -181,9 +181,9 @@ class Identity(Struct):
         return any(matches(pattern, name) for pattern in patterns)
 
     def mistake_in(self, right: str, name: str, namespace: str = "") -> str:
-        """Why it may not do what a right is about with a name; "" if it may.
+        """Why it has not a right for a name, as a sentence; "" if it has.
 
-        The name is relative to `namespace`, or absolute; that of a frame is only a name. The name
+        The name is relative to `namespace`, or absolute; a frame's is only a name. The name
         of a stream or a parameter is escaped, as in keys.
         """
         what = f"this identity, {self.name!r}, may not {_VERBS[right]} {_THINGS[right]} {name!r}"
@@ -201,7 +201,7 @@ class Identity(Struct):
         )
 
     def _reason(self, right: str, name: str) -> str:
-        """Why it may not, and what to do."""
+        """Why it may not, and the remedy."""
         if self.revoked:
             return f"it was revoked on {self.revoked}"
         change = self._change(right, name)
@@ -213,10 +213,10 @@ class Identity(Struct):
         return f"it may {_VERBS[right]} {listed(self.may(right)) or 'none'}; {change}"
 
     def _change(self, right: str, name: str) -> str:
-        """How to give it a right, and where: who has the authority can."""
+        """How to give it a right, and where: the holder of the authority can."""
         if getattr(self, right) is not None:
             return f"add it to its '{right}' in rights.yaml, beside the authority"
-        # What is given takes the place of the role's; own nodes are always there.
+        # Given patterns take the place of the role's; own nodes are always there.
         role = NOTHING if right == "nodes" else self.may(right)
         patterns = ", ".join(repr(each) if "*" in each else each for each in (*role, name))
         return f"give it `{right}: [{patterns}]` in rights.yaml, beside the authority"
@@ -296,7 +296,8 @@ class Rights(Struct):
         return bool(valid) and all(each.hosts for each in valid)
 
     def frames_of_stream(self, stream: str, namespace: str) -> tuple[str, ...] | None:
-        """The child frames that may come on a stream, by those who may publish it; None for all.
+        """The child frames that may come on a stream, by the rights of its possible publishers;
+        None for all.
 
         A stream that no identity can have by these rights has come through a router with later
         ones, which enforces them.
@@ -312,8 +313,8 @@ class Rights(Struct):
         return tuple(patterns)
 
     def may_be_of(self, node: str, stream: str, namespace: str) -> bool:
-        """Whether one identity may both publish a stream and run a node of this full name; so may
-        those of a stream that is not known here, as in `frames_of_stream`.
+        """Whether one identity may both publish a stream and run a node of this full name; true of
+        a stream that is not known here, as in `frames_of_stream`.
         """
         return not self._is_known(stream, namespace) or any(
             not identity.mistake_in("nodes", node)
@@ -347,11 +348,11 @@ _PUBLISH = ("put", "delete")
 _ALIVE = "liveliness_token"
 _ALL = (*_PUBLISH, _SUBSCRIBE, "query", *_SERVE, _ALIVE, *_WATCH)
 
-# Zenoh's advanced publishers and subscribers have tokens, and what they retain, below their key.
+# Zenoh's advanced publishers and subscribers have tokens, and retained messages, below their key.
 _RETAINED = "/@adv/**"
 _SUBSCRIBED = "/@adv/sub/**"
 
-# What a process sends on a key of its own.
+# The messages that a process sends on a key of its own.
 _SENT = (*_PUBLISH, *_SERVE, _ALIVE)
 
 # `**` stands for no chunk that begins with @.
@@ -366,19 +367,19 @@ _NOT_BY_PATTERN = (
 
 
 def access_control(rights: Rights) -> dict[str, Any]:
-    """Zenoh's setting `access_control` for a process on the bus of these rights: which identity may
-    send what on which keys.
+    """Zenoh's setting `access_control` for a process on the bus of these rights: the messages that
+    each identity may send, by key.
 
-    Every process enforces it on what comes in; and on what goes out, which is only what an identity
-    may read. An identity with a namespace gets nothing of others: not even the tokens that all
-    peers get unasked, or what a client sends to a process that says that it is a router. Of other
-    namespaces it may see only which keys others subscribe to, and ask for.
+    Every process enforces it on incoming messages; and on outgoing ones, only the ones that an
+    identity may read. An identity with a namespace gets nothing of others: not even the tokens that
+    all peers get unasked, or the messages of a client to a process that says that it is a router.
+    Of other namespaces it may see only which keys others subscribe to, and ask for.
 
     Zenoh decides by subjects, which here are the common names of certificates. Within one subject
-    what is denied counts more than what is allowed; of two subjects that fit the same certificate,
-    one that allows is enough. So each identity is two subjects: that of its own keys, which are
-    exact; and that of the names that it chooses itself, topics and services, for which patterns may
-    be wide: there the keys of transforms and the clock are denied.
+    a denial counts more than a permission; of two subjects that fit the same certificate, one that
+    allows is enough. So each identity is two subjects: one of its own keys, which are exact; and
+    one of the names that it chooses itself, topics and services, for which patterns may be wide:
+    there the keys of transforms and the clock are denied.
     """
     rules: list[dict[str, Any]] = []
     subjects: list[dict[str, Any]] = []
@@ -422,7 +423,7 @@ def _rule(
 def _own(identity: Identity) -> list[dict[str, Any]]:
     """The rules of keys that an identity has, or that it names exactly."""
     if identity.role == "router":
-        # It carries what others send, and enforces their rights.
+        # It carries the messages of others, and enforces their rights.
         return [_rule(_ALL, _EVERY_KEY, "egress"), _rule(_ALL, _EVERY_KEY)]
     within = f"{identity.namespace}/" if identity.namespace else ""
     rules = [
@@ -456,7 +457,7 @@ def _receiving(within: str) -> list[dict[str, Any]]:
         return [_rule(_ALL, everything, "egress")]
     return [
         _rule([*_PUBLISH, *_SERVE, _ALIVE, "query"], everything, "egress"),
-        # Those of a fleet's tools are for all namespaces.
+        # Subscriptions of a fleet's tools are for all namespaces.
         _rule([_SUBSCRIBE, *_WATCH], _EVERY_KEY, "egress"),
         _rule(["query"], _asked(""), "egress"),
     ]
@@ -507,7 +508,7 @@ def _keys(within: str, patterns: Sequence[str], kind: str) -> list[str]:
 
 
 def _chosen(identity: Identity) -> list[dict[str, Any]]:
-    """The rules of topics and services, whose names may be anything but those of transforms."""
+    """The rules of topics and services, whose names may be anything but keys of transforms."""
     if identity.role == "router":
         return []
     within = f"{identity.namespace}/" if identity.namespace else ""
@@ -520,7 +521,7 @@ def _chosen(identity: Identity) -> list[dict[str, Any]]:
     if topics := keys("topics"):
         retained = keys("topics", _RETAINED)
         rules.append(_rule(_SENT, retained))
-        # The last message of a topic is the answer to who joins late, at the topic's own key.
+        # The last message of a topic is the answer to late subscribers, at the topic's own key.
         rules.append(_rule((*_PUBLISH, "reply"), topics))
     if serves := keys("serves"):
         rules.append(_rule(_SERVE, [*serves, *keys("serves", "/cancel")]))

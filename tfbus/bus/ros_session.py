@@ -45,8 +45,8 @@ _SILENT_AFTER_S = 3.0
 # A try that hangs is waited for at the end, at most for this long.
 _CLOSING_S = 10.0
 
-# A subscriber asks each session for as many messages as it takes to have those of all its
-# publishers: Zenoh counts per session.
+# A subscriber asks each session for as many messages as all of its publishers keep: Zenoh counts
+# per session.
 _PUBLISHERS_OF_A_SESSION = 1000
 
 # After a lost link is back, messages retained meanwhile are asked for and sent again. Zenoh asks

@@ -1,6 +1,6 @@
-"""Scouting on the networks of now, in Zenoh's place: how, where, asking, answering, as which bytes.
+"""Scouting on the networks of now, in Zenoh's place: sockets, addresses, questions, answers, bytes.
 
-The answers to our own Scouts are handed to Zenoh, which connects to who answered.
+The answers to our own Scouts are handed to Zenoh, which connects to their senders.
 """
 
 import socket
@@ -272,7 +272,7 @@ class Scouts:
         return self.next_s is not None and scheduler.monotonic() >= self.next_s
 
     def scout(self, places: frozenset[Place], *, for_good: bool) -> None:
-        """Scout once at these places, and say when next: `for_good` where Zenoh does not scout
+        """Scout once at these places, and say when next: `for_good` if Zenoh does not scout
         on these itself.
         """
         self._links.keep_only(

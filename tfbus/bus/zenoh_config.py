@@ -36,12 +36,12 @@ _MOST_LINKS = 4
 # Of two peers that another introduces, one connects. By Zenoh's own "always" both do, and have two
 # links: after a host was unplugged one of them stayed, with the tokens of the absent peer, and such
 # a link may stay in half (eclipse-zenoh/zenoh#2806). The price: a peer that can connect and cannot
-# be connected to meets only those with smaller ids.
+# be connected to meets only peers with smaller ids.
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
 # Zenoh drops larger messages without a word. So that a message somewhat too large is still named in
-# the log, it passes on up to this many times the largest limit, and 64 KiB for what is around it.
+# the log, it passes on up to this many times the largest limit, and 64 KiB for the bytes around it.
 _NAMED_UP_TO = 2
 _AROUND_A_PAYLOAD = 65536
 _MOST_OF_ZENOH = 2**32 - 1

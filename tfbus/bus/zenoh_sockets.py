@@ -151,7 +151,7 @@ def hold_back(links: Container[Ends], unsent_bytes: int) -> None:
 
 def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:
     """Have these links of TCP hold at most so many bytes that have not arrived, repeat lost packets
-    at a steady pace where they carry little, and take no loss for a full link.
+    at a steady pace if they carry little, and take no loss for a full link.
 
     Linux holds up to some megabytes, which a narrow link carries for minutes; it doubles the time
     before each further repetition; and it sends less after each loss.
@@ -238,7 +238,7 @@ def _end_session(one: socket.socket) -> None:
         one.connect(near.getsockname())
         near.sendto(_CLOSE_SESSION, here)
     for _ in range(_TIMES):
-        with suppress(OSError):  # an answer to what Zenoh has sent meanwhile
+        with suppress(OSError):  # an answer to a message that Zenoh has sent meanwhile
             one.sendto(_CLOSE_SESSION, far)
 
 

@@ -454,7 +454,7 @@ def _fields(message_type: type) -> Iterator[FieldInfo]:
 
 
 def _fields_of_ros(message_type: Any) -> Iterator[FieldInfo]:
-    """The fields of a message of ROS; defaults are shown where they are neither zero nor empty."""
+    """The fields of a message of ROS; defaults are shown unless they are zero or empty."""
     made = message_type()
     for name, shown in message_type.get_fields_and_field_types().items():
         value = getattr(made, name)

@@ -256,7 +256,7 @@ def _write(unit: Path, text: str) -> None:
 
 
 def _systemctl(is_system: bool, commands: Sequence[Sequence[str]]) -> None:
-    """Run commands of systemctl, or print them where systemd does not run."""
+    """Run commands of systemctl, or print them if systemd does not run."""
     called = ["systemctl", *([] if is_system else ["--user"])]
     runs = _has_systemd()
     for words in commands:

@@ -1,6 +1,6 @@
 """Shared by all command lines: options, argument types, completion.
 
-`__all__` lists what nodes use of it, in addition to the names of `tfbus`; each is imported when
+`__all__` lists the names that nodes use, in addition to the names of `tfbus`; each is imported when
 first used.
 """
 

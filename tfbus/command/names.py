@@ -36,7 +36,7 @@ _ANSWER_S = 0.4
 class LiveNames:
     """All names, relative to the namespace of the settings.
 
-    `frames` are those of the namespace, `robots` those of the namespaces below. `topics` and
+    `frames` are the namespace's, `robots` has the frames of each namespace below. `topics` and
     `services` map to types, `parameters` maps names of nodes.
     """
 
@@ -75,7 +75,7 @@ def look_for_names(settings: NodeSettings) -> LiveNames:
 
 def _names(described: "Described", namespace: str) -> LiveNames:
     graph = described.graph(namespace)
-    # A listener reads the streams of its namespace; with a fleet also of those below.
+    # A listener reads the streams of its namespace; with a fleet also of the ones below.
     frames: dict[str, set[str]] = {}
     for key, stream in described.streams.items():
         names = {name for parent, child, _ in stream.frames for name in (parent, child)}

@@ -65,7 +65,7 @@ def help_all_option(function: Any) -> Any:
 
 
 def _shows_all(ctx: click.Context) -> bool:
-    """Whether all options are shown: if asked for, and where there are no others."""
+    """Whether all options are shown: if asked for, or if there are no others."""
     own = (
         param
         for param in ctx.command.params
@@ -77,7 +77,7 @@ def _shows_all(ctx: click.Context) -> bool:
 _BEGIN, _END = "--ros-args", "--"
 _SHORT = {"-p": "--param", "-r": "--remap"}
 
-# ROS's options, and how tfbus calls them; those after which nothing changes are left out.
+# ROS's options, and how tfbus calls them; options that change nothing are left out.
 _OPTIONS = {
     **_SHORT,
     "--param": "--param",
@@ -117,9 +117,9 @@ def in_tfbus_words(
     has_arguments: bool = False,
     takes_assignments: bool = False,
 ) -> Iterator[str]:
-    """The arguments with those of ROS translated.
+    """The arguments with ROS's translated.
 
-    `own` are the options of the command itself; where it `takes_assignments`, `name:=value` is an
+    `own` are the options of the command itself; if it `takes_assignments`, `name:=value` is an
     argument of its own. Raises click.UsageError, with the right form, for
     an argument of ROS that tfbus does not have.
     """
@@ -197,7 +197,7 @@ def _form(name: str, value: str) -> str:
 
 class Several(click.Option):
     """An option with `multiple=True` whose values may follow one another: `--topics a b`, as well
-    as `--topics a --topics b`. The next word that begins with `-` ends them; where it is the first,
+    as `--topics a --topics b`. The next word that begins with `-` ends them; if it is the first,
     it is a usage error.
     """
 
@@ -244,7 +244,7 @@ def listening_options(
     name: str | Callable[[], str], *, always_fleet: bool = False
 ) -> Callable[[F], F]:
     """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms;
-    with `always_fleet` to those of a fleet, without `--fleet`.
+    with `always_fleet` to a fleet's, without `--fleet`.
     """
     options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
     return lambda function: _with_fleet(_with_options(name, options)(function), always_fleet)
@@ -316,8 +316,8 @@ def check_grace(is_used: object, needed: str) -> None:
 
 
 def grace_option(until: str) -> Callable[[F], F]:
-    """The option `--grace`; its argument `grace_s` is in seconds, and `until` says in its help what
-    happens then.
+    """The option `--grace`; its argument `grace_s` is in seconds, and `until` names in its help the
+    event after that.
     """
     return click.option(
         "--grace",

@@ -67,7 +67,7 @@ class BagChoice:
 
 @dataclass(frozen=True)
 class OpenBag:
-    """An open recording, and what was chosen of it. Times are log times."""
+    """An open recording, and the choice of a span or moment of it. Times are log times."""
 
     reader: "RecordingReader"
     choice: BagChoice
@@ -191,8 +191,8 @@ def bag_choice(
 def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[RecordingReader]":
     """The recording in these files or folders.
 
-    Raises TfbusError if it cannot be read. On stderr it is said where it is cut short and,
-    unless the tool says it itself, what of it cannot be read.
+    Raises TfbusError if it cannot be read. On stderr it is said where it is cut short and, unless
+    the tool says it itself, which parts cannot be read.
     """
     met = _Damage()
     try:
@@ -251,7 +251,7 @@ def _why_empty(reader: "RecordingReader", name: str, met: "_Damage") -> str:
 
 
 class _Damage:
-    """Says on stderr what cannot be read of a recording, as it is met: the first places one by
+    """Names the unreadable parts of a recording on stderr, as they are met: the first places one by
     one, further ones together at the end.
     """
 
@@ -265,7 +265,7 @@ class _Damage:
             self._say([(part, damage)], self._reader.start_ns)
 
     def say_of(self, reader: "RecordingReader") -> None:
-        """Say what was met so far, and what will be, of a reader that is open."""
+        """Name the parts met so far, and later ones, of a reader that is open."""
         self._reader = reader
         self._say(self.found[:_MOST_DAMAGE], reader.start_ns)
 

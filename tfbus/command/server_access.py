@@ -30,10 +30,10 @@ _DAYS = 365.0
 
 @dataclass(frozen=True)
 class ServerTls:
-    """The certificate and key that connections are accepted with; `names` are those of the
-    certificate, in small letters.
+    """The certificate and key that connections are accepted with; `names` are the certificate's, in
+    small letters.
 
-    `note` is a sentence on the certificate that who opens the page should know.
+    `note` is a sentence on the certificate for users who open the page.
     """
 
     context: ssl.SSLContext
@@ -42,7 +42,7 @@ class ServerTls:
 
 
 def tls_of_files(certificate: Path, key: Path | None = None) -> ServerTls:
-    """With a certificate in PEM, followed by those that lead to its authority, and its private
+    """With a certificate in PEM, followed by further ones up to its authority, and its private
     key, by default in the same file. Raises SettingsError if they cannot be used.
     """
     names, ends = _facts(certificate)
@@ -121,7 +121,7 @@ LEAST = 12
 _GUESSES = 10
 _WITHIN_S = 60.0
 
-# Of addresses that guessed; of more, those that guessed first are forgotten.
+# Of addresses that guessed; of more, the first are forgotten.
 _MOST_ADDRESSES = 10_000
 
 Verdict = Literal["right", "wrong", "too often"]
@@ -201,12 +201,12 @@ _MOST = 100
 
 @dataclass(frozen=True)
 class PageGate:
-    """The pages that may connect to a server: its own; those of `allowed` origins, and those that
-    `is_allowed(scheme, host)`; and with `knows_neighbours` those of the browser's own machine.
+    """The pages that may connect to a server: its own; pages of `allowed` origins, or for which
+    `is_allowed(scheme, host)`; and with `knows_neighbours` pages of the browser's own machine.
 
     A server that knows its clients by a cookie has no neighbours: a browser sends a cookie of one
-    port to all ports. `names` are those of the server, of which none is needed for this machine
-    alone. `advice` says what else to do.
+    port to all ports. `names` are the server's, of which none is needed for this machine alone.
+    `advice` ends the sentence of a refusal.
     """
 
     names: Collection[str] = ()
@@ -227,7 +227,7 @@ class PageGate:
         name = page.hostname or ""
         is_neighbour = page.scheme not in ("http", "https", "") or (name and is_local(name))
         if (self.knows_neighbours and is_neighbour) or self.is_allowed(page.scheme, name):
-            return ""  # no web page has another scheme, as file: and those of applications
+            return ""  # no web page has another scheme, as file: and the schemes of applications
         return f"a page of '{printable(origin, _MOST)}' may not connect: {self.advice}"
 
     def stranger(self, host: str) -> str:

@@ -26,7 +26,7 @@ _LEAVING = (signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
 
 _STANDARD_INPUT = 0
 
-# What a terminal that was closed is read as.
+# The key that is read from a terminal that was closed.
 QUIT = "q"
 
 
@@ -158,8 +158,8 @@ def typed_keys(within_s: float, *, wanted: bool = True) -> Iterator[Callable[[],
     """Inside the `with`, a function that returns the keys typed within this time; None if keys
     are not `wanted`, or there is no terminal to read them from.
 
-    A terminal that goes away (ssh, a closed window) ends the `with` as Ctrl-C does, so that what
-    is written is whole, except if nohup has it ignored.
+    A terminal that goes away (ssh, a closed window) ends the `with` as Ctrl-C does, so that the
+    files are whole, except if nohup has it ignored.
     """
     if not wanted or not _is_own_terminal():
         with _hanging_up() if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL else nullcontext():
@@ -192,8 +192,8 @@ def _is_own_terminal() -> bool:
 def _hanging_up() -> Iterator[Callable[[], None]]:
     """Inside the `with` SIGHUP ends it as Ctrl-C does; the function given does its first half.
 
-    From then on nothing is printed, and a SIGHUP does nothing: it may come late, while what was
-    written is made whole.
+    From then on nothing is printed, and a SIGHUP does nothing: it may come late, while the files
+    are made whole.
     """
 
     def hang_up() -> None:

@@ -43,8 +43,8 @@ _FRACTION = re.compile(r"(?<=:\d\d)[.,](\d+)")
 _SECONDS_BELOW = 10**11
 _NANOSECONDS_FROM = 10**15
 
-# Of a recording, numbers below this count from its beginning: three years, so that those from here
-# on are times since 1970.
+# Of a recording, numbers below this count from its beginning: three years, so that numbers from
+# here on are times since 1970.
 _ABSOLUTE_FROM_NS = 10**8 * 10**9
 
 # The last stamp, and the most that can be added to now: 146 years.
@@ -182,7 +182,7 @@ class FrameName(_BusName):
     name = "frame"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The frames of this namespace; with --fleet also of those below, by their names then."""
+        """The frames of this namespace; with --fleet also of the ones below, by their names then."""
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
         from tfbus.wire.fleet import Fleet  # numpy, which most completion does not need
@@ -202,7 +202,7 @@ class FrameName(_BusName):
 
 
 def frame_mistake(name: str) -> str:
-    """The mistake in a frame's name, and what to write instead; "" for a valid name."""
+    """The mistake in a frame's name, and a valid name; "" for a valid name."""
     mistake = mistake_in(name)
     return f"a frame's name {mistake}" if mistake else ""
 
@@ -287,7 +287,7 @@ class ParameterName(_BusName):
 class Number(click.ParamType[float]):
     """A finite number from `least`, or above it if `more_than_least`, to `most`.
 
-    `zero` says what to write in place of a 0.
+    `zero` is the advice for a 0.
     """
 
     name = "number"
@@ -324,7 +324,7 @@ class Number(click.ParamType[float]):
         return number
 
 
-# Seconds: what a clock can wait for, thirty years.
+# Seconds: a clock can wait for at most thirty years.
 NOT_NEGATIVE = Number(least=0.0, most=1e9)
 POSITIVE = Number(least=0.0, most=1e9, more_than_least=True)
 
@@ -347,7 +347,7 @@ class MomentType(click.ParamType[Moment]):
 class ByteSize(click.ParamType[int]):
     """A size in bytes, more than 0 and at least `least`: `500MB`, `2GB`, or a plain number.
 
-    `zero` says what to write in place of a 0.
+    `zero` is the advice for a 0.
     """
 
     name = "size"

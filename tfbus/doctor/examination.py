@@ -33,10 +33,10 @@ class RosAround:
 
     `nodes` are the full names of the nodes that rmw_zenoh has, by domain; `at` is the endpoint
     through which they are seen, "" if it is rmw_zenoh's usual one. `bridges` is the number of
-    zenoh-bridge-ros2dds. `participants` are those of DDS in `domain`, of which `listened_s` seconds
-    were heard; `is_dds_here` is whether one is on this host. `domain` is -1 if ROS_DOMAIN_ID is
-    none. `distro` is the ROS that is sourced. `master_nodes` is the number of nodes of ROS 1 at
-    `master`, None if that does not answer.
+    zenoh-bridge-ros2dds. `participants` of DDS are in `domain`, to which it listened for
+    `listened_s` seconds; `is_dds_here` is whether one is on this host. `domain` is -1 if
+    ROS_DOMAIN_ID is none. `distro` is the ROS that is sourced. `master_nodes` is the number of
+    nodes of ROS 1 at `master`, None if that does not answer.
     """
 
     nodes: Mapping[int, frozenset[str]] = field(default_factory=dict)
@@ -54,16 +54,16 @@ class RosAround:
 
 @dataclass(frozen=True)
 class ExaminedHost:
-    """This host: what is installed, its interfaces, and the result of a trial of scouting.
+    """This host: its packages, its interfaces, and the result of a trial of scouting.
 
     `versions` are of Python and of packages, "" if one is not installed. `scouted` is whether
     scouting found a session of our own, None if scouting is off. `unreachable` are endpoints to
     connect to that do not answer, with the reason. `routers` counts the connected routers.
     `listens_beyond` are the endpoints that other hosts can reach. `without_datagrams` is why frames
-    wait for lost packets on a network where those of an open bus do not, "" if they do not.
+    wait for lost packets on a network on which an open bus's do not, "" if they do not.
     `why_interpreted` is why the compiler failed, if it did. `scouts` are other processes of this
-    host that take part in scouting, by their pids, and `stopped` the pids of those that do not run,
-    by SIGSTOP or in a debugger. `name` is what its nodes say is their host.
+    host that take part in scouting, by their pids, and `stopped` the pids of scouts that do not
+    run, by SIGSTOP or in a debugger. `name` is its name in the descriptions of its nodes.
     """
 
     versions: Mapping[str, str]
@@ -102,8 +102,8 @@ class RecordedSpan:
     """The span of a recording that is examined, and events in it.
 
     `start_ns` is the beginning of the recording. `restarts` are the log times at which streams
-    began new epochs, by stream. `samples` are those of each dynamic edge. `lost` counts messages
-    that the recorder dropped, `paused` its pauses; `damage` says what cannot be read.
+    began new epochs, by stream. `samples` are by dynamic edge. `lost` counts messages that the
+    recorder dropped, `paused` its pauses; `damage` are sentences on unreadable parts.
     """
 
     start_ns: int
@@ -125,9 +125,9 @@ class Examination:
     """The bus in `listened_s` seconds: as seen from this host, or in a span of a recording.
 
     `moment` is the bus at the end; `flows` are how samples of its edges came, and `loads` how
-    messages of its streams did. Of a fleet, whose nodes and frames are those in all namespaces
-    below too: `robots`, worst first, the `roster` of robots that are expected, and whether it
-    `is_booting`: those that have not come may still come. Of a live bus: `host` and `ros`;
+    messages of its streams did. Of a fleet, with nodes and frames of all namespaces below too:
+    `robots`, worst first, the `roster` of robots that are expected, and whether it `is_booting`:
+    missing robots may still come. Of a live bus: `host` and `ros`;
     `out_of_reach` says of a bus here that this process gets no link to, if it sees no node. Of a
     recording: `span`.
     """
@@ -158,7 +158,7 @@ class Examination:
 
     @property
     def nodes(self) -> tuple[NodeDescription, ...]:
-        """The nodes of the scope at the end; those in other namespaces are `moment.nodes` too."""
+        """The nodes of the scope at the end; `moment.nodes` has other namespaces' too."""
         return tuple(node for node in self.moment.nodes if self._is_in_scope(node.name))
 
     @property
@@ -177,7 +177,7 @@ class Examination:
         return not name.startswith("/") if self.is_fleet else "/" not in name
 
     def problems(self, kind: ProblemKind) -> list[str]:
-        """The problems of a kind as sentences; in a span those that came and went, with times."""
+        """The problems of a kind as sentences; in a span all that came and went, with times."""
         if self.span is None or kind not in PASSING:
             return [each.text for each in self.moment.problems if each.kind == kind]
         sentences = []
@@ -191,8 +191,8 @@ class Examination:
 
 
 def scope(namespace: str, *, is_fleet: bool) -> str:
-    """The namespaces whose nodes and frames are checked: `namespace /robot7`, and those below it
-    only of a fleet.
+    """The namespaces whose nodes and frames are checked, in words: `namespace /robot7`; of a fleet
+    with all below it.
     """
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
 
@@ -202,9 +202,9 @@ Verdict = Literal["ok", "warn", "fail", "skipped"]
 
 @dataclass(frozen=True)
 class Finding:
-    """The verdict of one check, its evidence, and what to do about it.
+    """The verdict of one check, its evidence, and the remedy.
 
-    `evidence` are sentences, one for each thing that is wrong; of a skipped check, the reason.
+    `evidence` are sentences, one for each problem; of a skipped check, the reason.
     `remedy` is "" if there is nothing to do.
     """
 
@@ -231,7 +231,7 @@ def found(verdict: Verdict, evidence: list[str], remedy: str, fine: str = "") ->
 
 
 # The evidence that a check needs: any moment has the tree of frames; a live bus has this host, and
-# what nodes count; a recording has a span of time, with all that came and went in it.
+# counts of nodes; a recording has a span of time, with all that came and went in it.
 Need = Literal["tree", "bus", "recording"]
 
 Find = Callable[[Examination], Finding]
@@ -263,7 +263,7 @@ class Check:
         return OF_A_BUS
 
 
-# In the order in which they are printed: of this host, of the tree of frames, of what comes.
+# In the order in which they are printed: of this host, of the tree of frames, of flows.
 CHECKS: dict[str, Check] = {}
 
 

@@ -1,8 +1,8 @@
 """Gathers all that the checks need from a live bus: its transforms and nodes, this host, and ROS
 around it.
 
-DDS announces itself by RTPS, multicast, as ROS 2 on most middlewares does: the messages are those
-of https://www.omg.org/spec/DDSI-RTPS/2.5, sections 8.5.3 and 9.6.2.
+DDS announces itself by RTPS, multicast, as ROS 2 on most middlewares does: the messages are as in
+https://www.omg.org/spec/DDSI-RTPS/2.5, sections 8.5.3 and 9.6.2.
 """
 
 import errno
@@ -44,7 +44,7 @@ from tfbus.ros.ros1 import Ros1Master
 from tfbus.streams.listener import TransformListener
 from tfbus.wire.fleet import Fleet
 
-# What publishers keep shows the rates before.
+# The transforms that publishers keep show the rates before.
 _HISTORY_S = 10.0
 
 
@@ -78,7 +78,7 @@ def examine(
         with TransformListener(buffer, node, history_s=_HISTORY_S, fleet=fleet) as listener:
             heard = Listening(node, buffer, listener, fleet)
             while True:
-                # Rates are compared with those by the stamps.
+                # Rates are compared with the rates by the stamps.
                 meter = TransformMeter(node, fleet, recent_s=math.inf, clock=node.clock)
                 began_s = scheduler.monotonic()
                 _listen(node, listen_s)
@@ -218,12 +218,12 @@ def _has_one(process: Path, sockets: set[str]) -> bool:
 _RTPS_GROUP = "239.255.0.1"
 _FIRST_PORT, _PORTS_OF_A_DOMAIN = 7400, 250
 
-# A header: what it is, its version, its vendor, and which participant it is from.
+# A header: its kind, its version, its vendor, and its participant.
 _MAGIC = b"RTPS"
 _VENDOR = slice(6, 8)
 _PARTICIPANT = slice(8, 20)
 _HEADER_SIZE = 20
-# What writes the announcements of participants; and what ROS 2 says of itself in them.
+# The writer of the announcements of participants; and ROS 2's mark in them.
 _ANNOUNCER = b"\x00\x01\x00\xc2"
 _OF_ROS = b"enclave="
 
@@ -334,7 +334,7 @@ def _join(made: socket.socket, interface: int) -> None:
         made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
 
 
-# The tokens of rmw_zenoh, and those of zenoh-bridge-ros2dds.
+# The tokens of rmw_zenoh, and of zenoh-bridge-ros2dds.
 _TOKENS = "/@ros2_lv/**"
 _TOKENS_OF_BRIDGES = "/@/*/@ros2_lv/**"
 

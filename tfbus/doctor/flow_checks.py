@@ -146,7 +146,7 @@ def check_rates(seen: Examination) -> Finding:
 
 
 def _held_up(seen: Examination) -> list[str]:
-    """The frames that come less often now than by the stamps of what their publishers kept."""
+    """The frames that come less often now than by the stamps of their publishers' kept samples."""
     publishers = Counter(flow.child for flow in seen.flows)
     evidence = []
     for flow in _of_near_stamps(seen):
@@ -154,7 +154,7 @@ def _held_up(seen: Examination) -> list[str]:
         # The former rate of a frame with several publishers is their sum; see conflicts.
         if not flow.rate_hz or not before_hz or publishers[flow.child] > 1:
             continue
-        # More than before is no loss: what was held up comes at once, or it is sent more often.
+        # More than before is no loss: held up samples come at once, or it is sent more often.
         if flow.rate_hz * _RATE_FACTOR < before_hz:
             evidence.append(
                 f"{flow.child!r} arrives at {flow.rate_hz:.1f} Hz; by its stamps it is sent at "
@@ -225,7 +225,7 @@ def check_gaps(seen: Examination) -> Finding:
 
 
 def _pauses(seen: Examination) -> Iterator[str]:
-    """The pauses by the stamps, which is all that is known of what publishers had kept."""
+    """The pauses by the stamps: kept samples have no arrivals."""
     for flow in _of_near_stamps(seen):
         if flow.longest_gap_s > least_gap_s(flow.period_s or 0.0):
             yield (
@@ -324,7 +324,7 @@ def check_stamps(seen: Examination) -> Finding:
         for flow in _of_near_stamps(seen)
         if flow.least_delay_s is not None and _is_ahead(seen, flow)
     ]
-    # Of these only what was sent before has come.
+    # Of these only earlier samples have come.
     flowing = {flow.child for flow in seen.flows}
     evidence += [
         in_the_future([frame.name], seen.tree.age_s(frame) or 0.0)
@@ -409,5 +409,5 @@ def _of_flows(seen: Examination, verdict: Verdict, evidence: list[str], remedy: 
 
 
 def _of_near_stamps(seen: Examination) -> list[EdgeFlow]:
-    """The flows whose stamps can be judged here: those by a clock like ours."""
+    """The flows whose stamps can be judged here: by a clock like ours."""
     return [flow for flow in of_our_time(seen) if not is_another_time(flow.least_delay_s)]

@@ -1,4 +1,4 @@
-"""Checks of this host and what is around it: packages, network, keys, ROS."""
+"""Checks of this host and its surroundings: packages, network, keys, ROS."""
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
@@ -17,7 +17,7 @@ _ZENOH = "1.10"
 
 @check("install", needs="bus")
 def check_install(seen: Examination) -> Finding:
-    """tfbus and what it needs are installed."""
+    """tfbus and the packages that it needs are installed."""
     versions = seen.host.versions
     missing = [f"{name} is not installed" for name in _NEEDED if not versions.get(name)]
     fine = f"tfbus {versions.get('tfbus') or '?'} on Python {versions.get('Python', '?')}"
@@ -202,7 +202,7 @@ def check_rights(seen: Examination) -> Finding:
 _BRIDGED = "ros2"
 _BRIDGED_1 = "ros1"
 
-# What each bridge publishes on the bus, whatever its name is: the type of its topic.
+# The type of each bridge's own topic on the bus, whatever the bridge's name is.
 _BRIDGE_TYPE = "RosBridge"
 
 

@@ -178,8 +178,8 @@ def _is_gone(passing: PassingProblem) -> bool:
 
 
 def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str:
-    """The remedy, by what is known: the messages of a node that was not restarted come on in the
-    same epoch.
+    """The remedy, by the epochs: the messages of a node that was not restarted go on in the same
+    epoch.
     """
     if gone.until_ns is None:
         return "see whether its node ended (its log, and its host's), or its link was cut"

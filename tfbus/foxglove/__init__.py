@@ -1,6 +1,6 @@
 """The bus, or a recording, as Foxglove shows it live.
 
-Listed here is what the node `tfbus foxglove` uses.
+Listed here are the names that the node `tfbus foxglove` uses.
 """
 
 from tfbus.base.lazy_exports import exported

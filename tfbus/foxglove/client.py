@@ -102,7 +102,7 @@ class Connection:
 
     def tell(self, message: str | bytes, *, in_order: bool = False) -> None:
         """Send a message that is never left out: a client that reads none of them is
-        disconnected. It overtakes what was sent before, unless it is to come `in_order`.
+        disconnected. It overtakes earlier messages, unless it is to come `in_order`.
         """
         with self._lock:
             is_full = len(self._told) >= BACKLOG or self._told_bytes >= _MOST_TOLD
@@ -137,8 +137,8 @@ class Connection:
     # In the loop
 
     async def write(self) -> None:
-        """Write what is to be sent, until it is cancelled or the client is gone; no faster than
-        the client takes it.
+        """Write the waiting messages, until it is cancelled or the client is gone; no faster than
+        the client takes them.
         """
         with suppress(OSError):
             while True:
@@ -198,7 +198,7 @@ class Connection:
                 await self._writer.drain()
 
     def _flush(self) -> None:
-        """Write what the protocol says: messages, and answers to pings and to the end."""
+        """Write the protocol's bytes: messages, and answers to pings and to the end."""
         self._writer.write(b"".join(self._protocol.data_to_send()))
 
 
@@ -242,7 +242,7 @@ class Requests:
         return []
 
     def set_parameters(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
-        """Set parameters; returns those that are known to be set by now. It may wait."""
+        """Set parameters; returns the ones that are known to be set by now. It may wait."""
         return []
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
@@ -286,7 +286,7 @@ class ServedClient:
         self.tell(text("status", level=level, message=printable(reason, 500)))
 
     def take(self, message: str | bytes) -> None:
-        """Do what a message asks for; one that is malformed is answered with why."""
+        """Follow a client's message; a malformed one is answered with the reason."""
         try:
             if isinstance(message, str):
                 given = json.loads(message)

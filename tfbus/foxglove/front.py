@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 class Serving:
     """The address to listen at: the first free port from `port` on.
 
-    `origins` are those of further web pages that may connect, such as `http://viewer.lan:8080`.
+    Web pages of further `origins` may connect, such as `http://viewer.lan:8080`.
     With a `tls` connections are encrypted; with a `token` clients need it, as a query of the URL.
     """
 
@@ -81,7 +81,7 @@ class Front:
         )
         self._tls, self._token = serving.tls, serving.token
         self._server = server
-        # Those that have not sent their request, by their addresses, the first first.
+        # Connections that have not sent their request, by their addresses, the first first.
         self._waiting: dict[asyncio.Task[None], str] = {}
         self._on_refused = on_refused
         self._sockets = listening_sockets(serving.host, serving.port)
@@ -93,8 +93,8 @@ class Front:
 
     @property
     def addresses(self) -> tuple[str, ...]:
-        """The address for clients: `ws://localhost:8765`; those of other machines by this machine's
-        name or address, with a token that was made for this run.
+        """The addresses for clients: `ws://localhost:8765`; for clients of other machines this
+        machine's name or address, with a token that was made for this run.
         """
         names = names_to_open if self._tls is None else names_to_open_elsewhere
         scheme = "ws" if self._tls is None else "wss"
@@ -163,7 +163,7 @@ class Front:
             self._waiting.pop(task, None)
 
     def _longest_waiting(self) -> asyncio.Task[None]:
-        """The first of the address that most of those are from which have sent no request."""
+        """The first connection of the address with the most that have sent no request."""
         [(most, _)] = Counter(self._waiting.values()).most_common(1)
         return next(task for task, address in self._waiting.items() if address == most)
 

@@ -128,7 +128,7 @@ _CDR = {0: struct.Struct(">4x6d"), 1: struct.Struct("<4x6d")}
 
 
 class Teleop:
-    """Publishes what clients send on these topics; safe from any thread.
+    """Publishes clients' messages on these topics; safe from any thread.
 
     With one topic, messages go there whatever name the panel gives its own. If a client that
     drives is gone, the last thing that is sent is to stand still.
@@ -213,11 +213,11 @@ _CACHE_S = 10.0
 
 
 class LiveBridge(Requests):
-    """Serves Foxglove what a node sees, until `close()`.
+    """Serves Foxglove a node's view of the bus, until `close()`.
 
-    Without a fleet that is the node's namespace, with one also those below. Clients may drive on
-    the topics `teleop`. Clients of a `read_only` bridge can neither drive nor set parameters nor
-    call services. Raises TfbusError if it cannot listen.
+    Without a fleet that is the node's namespace, with one also the namespaces below. Clients may
+    drive on the topics `teleop`. Clients of a `read_only` bridge can neither drive nor set
+    parameters nor call services. Raises TfbusError if it cannot listen.
 
     Robots that are described on the bus are shown, or with a `robot` that one alone; their meshes
     are also looked for in `package_path`.
@@ -286,10 +286,10 @@ class LiveBridge(Requests):
             found.append(Capability.TIME)
         return found
 
-    # What clients ask and send, on the server's threads
+    # Requests and messages of clients, on the server's threads
 
     def subscribed(self, channel_id: int) -> None:
-        """Late ones get static transforms, and where each dynamic frame is."""
+        """Send a late client static transforms, and the present pose of each dynamic frame."""
         if self._transforms.have(channel_id):
             self._executor.submit("transforms", self._send_present, limit=1)
         elif self._robot is not None and self._robot.have(channel_id):
@@ -300,7 +300,7 @@ class LiveBridge(Requests):
             )
 
     def unsubscribed(self, channel_id: int) -> None:
-        """The bus need not send what no client watches."""
+        """Unsubscribe from topics that no client watches."""
         self._executor.submit("topics", self._topics.adapt, limit=1)
 
     def asset(self, uri: str) -> bytes:
@@ -336,14 +336,14 @@ class LiveBridge(Requests):
     def published(self, client_id: int, channel_id: int, data: bytes) -> None:
         self._teleop.send(client_id, channel_id, data)
 
-    # What changes, on the executor's thread
+    # Changes, on the executor's thread
 
     def _on_nodes(self, nodes: Sequence[NodeDescription]) -> None:
         self._nodes = nodes
         self._executor.submit("nodes", self._adapt, limit=1)
 
     def _adapt(self) -> None:
-        """Offer what the nodes have now."""
+        """Offer the parameters, topics and services that the nodes have now."""
         nodes = self._nodes
         streams = [each for each in self._listener.streams() if each.alive]
         graph = graph_of(nodes, {})
@@ -368,11 +368,11 @@ class LiveBridge(Requests):
             self._server.tell_time(self._node.now_ns())
 
     def _on_jump_back(self, now_ns: int) -> None:
-        """Clients keep transforms of what is now the future until they forget all."""
+        """Have clients forget all: they keep transforms that are in the future now."""
         self._server.forget_the_past()
         self._send_present()
 
-    # What is wrong
+    # Warnings
 
     def _on_refused(self, reason: str) -> None:
         self._once.warning(("refused", reason), "Refused a client: %s", reason)

@@ -108,8 +108,8 @@ class NodeParameters:
     """The parameters of nodes by names like `/sim.background_r`, as of the last `update`.
 
     `set_one(node, name, value)` sets one and returns it; it may take a moment, and raises
-    TfbusError if it cannot. `publish(parameters)` gets those that changed, `say(text)` why one
-    is not set.
+    TfbusError if it cannot. `publish(parameters)` gets changed ones, `say(text)` why one is not
+    set.
     """
 
     def __init__(
@@ -126,7 +126,7 @@ class NodeParameters:
         self._known: dict[str, tuple[str, ParameterDescription]] = {}
 
     def update(self, nodes: Iterable[NodeDescription]) -> None:
-        """Take the parameters from the descriptions of all nodes; publish those that changed."""
+        """Take the parameters from the descriptions of all nodes; publish changed ones."""
         known = {
             f"{node.name}.{each.name}": (node.name, each)
             for node in nodes
@@ -149,12 +149,12 @@ class NodeParameters:
         ]
 
     def publish(self, names: Sequence[str]) -> None:
-        """Publish these parameters; those of no name are left out."""
+        """Publish the parameters of these names; unknown names are left out."""
         if found := self.get(names) if names else []:
             self._publish(found)
 
     def set(self, given: Sequence[ShownParameter]) -> list[ShownParameter]:
-        """Set parameters; returns what has come of those whose nodes answer soon."""
+        """Set parameters; returns the new values from nodes that answer soon."""
         until_s = time.monotonic() + _WAIT_S
         if len(given) > _WAITING:
             self._say(f"at most {_WAITING} parameters are set at a time, not {len(given)}")
@@ -189,7 +189,7 @@ class NodeParameters:
             value = _typed(given.value, described)
             described = self._set_one(node, described.name, value)
         except (TfbusError, OverflowError, TypeError, ValueError) as error:
-            # Clients show what they asked for until they get what it is.
+            # Clients show the value that they asked for until they get the present one.
             self._say(f"{name} is not set: {error}")
         with self._lock:
             self._known = {**self._known, name: (node, described)}

@@ -51,10 +51,10 @@ class PlaybackBridge(Requests):
 
     `span` are the log times, in ns, of its beginning and end. A client that seeks while it stands
     sees where the frames were. With a fleet the frames of robots in namespaces have these in front;
-    without one those of the namespace that all are in, or of none.
+    without one only the namespace counts that all are in, or none.
 
-    Robots that were described are shown, or with a `robot` that one alone. Their meshes are those
-    on this machine, also in `package_path`.
+    Robots that were described are shown, or with a `robot` that one alone. Their meshes are looked
+    for on this machine, also in `package_path`.
 
     Raises TfbusError if it cannot listen, or the files are no recording.
     """
@@ -162,10 +162,10 @@ class PlaybackBridge(Requests):
         self._reader.close()
         self._past.close()
 
-    # What clients ask, on the server's threads
+    # Requests of clients, on the server's threads
 
     def subscribed(self, channel_id: int) -> None:
-        """Late ones get static transforms, and where each frame is."""
+        """Send a late client static transforms, and the pose of each frame."""
         if self._transforms.have(channel_id):
             self._executor.submit("transforms", self._send_present, limit=1)
         elif self._robot is not None and self._robot.have(channel_id):
@@ -187,7 +187,7 @@ class PlaybackBridge(Requests):
         self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
 
     def control(self, request: PlaybackControl) -> PlaybackState | None:
-        """The answer to a seek follows once the recording is there, before what is sent of it."""
+        """The answer to a seek follows once the recording is there, before its messages."""
         player, progress = self.player, self.player.progress
         speed = request.speed
         if math.isfinite(speed) and speed != progress.rate:
@@ -205,7 +205,7 @@ class PlaybackBridge(Requests):
     # As a stage of the player, on its thread
 
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
-        """Send what is in force, and where all was just before."""
+        """Send the state in force, and the poses just before."""
         request_id, self._request_id = self._request_id, None
         progress = self.player.progress
         self._server.tell_time(pace.log_ns)
@@ -285,8 +285,8 @@ class PlaybackBridge(Requests):
             )
 
     def _send_past(self, at_ns: int) -> None:
-        """Send where all frames are at a time, and the messages before it: it may stand still
-        there, or play those of this time next.
+        """Send the poses of all frames at a time, and the messages before it: it may stand still
+        there, or play the messages of this time next.
         """
         self._frames.seek(at_ns)
         self._transforms.send_present(self._frames.buffer, at_ns)

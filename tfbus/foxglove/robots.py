@@ -1,8 +1,7 @@
 """Descriptions of robots as Foxglove's 3D panel reads them, and the files of their meshes.
 
-The panel shows a topic of std_msgs/String with a URDF. It takes the names of links for those of
-frames, fetches meshes by `package://` only, and shows nothing of a robot with a mesh that has no
-such name.
+The panel shows a topic of std_msgs/String with a URDF. It takes the names of links for frames,
+fetches meshes by `package://` only, and shows nothing of a robot with a mesh that has no such name.
 """
 
 import posixpath
@@ -32,7 +31,7 @@ from tfbus.wire.fleet import FrameNames
 
 _SCHEME = "package://"
 
-# Descriptions come from anyone on the bus: those of this many robots are known.
+# Descriptions come from anyone on the bus: this many robots are known.
 _MOST_ROBOTS = 200
 
 # A file beside a mesh, such as a picture, is looked for by as many names.
@@ -44,7 +43,7 @@ Fetch = Callable[[str, str], bytes]
 
 @dataclass(frozen=True)
 class _Known:
-    """A robot as it was described, what clients get, and its meshes by the path of their URIs."""
+    """A robot as described, as clients get it, and its meshes by the path of their URIs."""
 
     given: Mapping[str, Any]
     shown: Mapping[str, Any]
@@ -72,7 +71,7 @@ class ShownRobots:
     ) -> Mapping[str, Any]:
         """The values of a RobotDescription as clients need them; the same if it is none.
 
-        `names` are those of the frames of its namespace `origin`.
+        `names` translates the frames of its namespace `origin`.
         """
         given = (values.get(_text_of(values)), values.get("prefix", ""), values.get("source", ""))
         urdf, prefix, source = (each if isinstance(each, str) else "" for each in given)
@@ -86,7 +85,7 @@ class ShownRobots:
         except UrdfError as error:
             reason = printable(str(error), 400)
             self._once.warning(("robot", origin), "A robot_description is no robot: %s", reason)
-            # Clients may know more; of what is no XML to us they get nothing.
+            # Clients may know more; of a text that is no XML to us they get nothing.
             return _with_text(values, _rewritten(urdf, {}, {}) if _is_xml(urdf) else "")
         if left := sorted({mesh.name for mesh in _meshes(robot) if not _is_served(mesh)}):
             which = listed([f"'{printable(name, 120)}'" for name in left])
@@ -163,7 +162,7 @@ class ShownRobots:
 
 
 class GivenRobot:
-    """The channel /robot_description with the robot of a file, in place of those described."""
+    """The channel /robot_description with the robot of a file, in place of described robots."""
 
     def __init__(self, server: Server, robots: ShownRobots, robot: Robot) -> None:
         codecs = MessageCodecs(exact=False)
@@ -193,8 +192,8 @@ def _meshes(robot: Robot) -> Iterator[Mesh]:
 
 
 def _is_served(mesh: Mesh) -> bool:
-    """Whether clients get a mesh from here. That of an address on the network they would fetch
-    themselves: it would tell a stranger who looks, and reach what only they do.
+    """Whether clients get a mesh from here. They would fetch one of a network's address themselves:
+    it would tell a stranger who looks, and reach hosts that only they reach.
     """
     return "://" not in parts_of(mesh.name)[1]
 
@@ -255,8 +254,8 @@ def _is_xml(text: str) -> bool:
 
 
 def _rewritten(text: str, frames: Mapping[str, str], uris: Mapping[str, str]) -> str:
-    """A URDF with these names of its links and of its meshes; only what can be seen of it, and of
-    the shapes with meshes those that `uris` has.
+    """A URDF with these names of its links and of its meshes; only its visible parts, and of the
+    shapes with meshes only the ones in `uris`.
     """
     robot = read_xml(text, "the robot_description")
     lines = ['<?xml version="1.0"?>', f"<robot{_attributes(robot.attributes)}>"]

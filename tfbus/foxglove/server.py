@@ -1,4 +1,4 @@
-"""Foxglove's server: channels that its clients subscribe to, and what they ask and send.
+"""Foxglove's server: channels that its clients subscribe to, their requests and messages.
 
 All of it is Python's, on one thread and its workers. The foxglove-sdk holds locks of its own while
 it calls Python, and takes the same locks in calls that hold Python's lock: a client that subscribed
@@ -40,7 +40,7 @@ from tfbus.foxglove.protocol import (
 # Clients are told at most this many errors a second, since any client can cause them.
 _MOST_SAID = 20
 
-# Files and parameters that are fetched at the same time, and those that wait for it.
+# Files and parameters that are fetched at the same time, and requests that wait for it.
 _AT_A_TIME = 8
 _WAITING = 64
 
@@ -53,7 +53,7 @@ _ENCODINGS = ("json", "cdr")
 
 @dataclass(frozen=True, slots=True)
 class ServedService:
-    """A service: its name, and the schemas, in JSON, of what it takes and returns.
+    """A service: its name, and the schemas, in JSON, of its request and response.
 
     `call(request)` gets and returns JSON. It runs on a thread of its own, and raises TfbusError or
     ValueError if it fails.
@@ -180,7 +180,7 @@ class Server:
         )
 
     def guarded(self, what: Callable[[], None]) -> None:
-        """Do what a client asked for; an exception, which is a defect, is logged, the first."""
+        """Follow a client's request; an exception, which is a defect, is logged, the first."""
         try:
             what()
         except Exception:
@@ -232,7 +232,7 @@ class Server:
         return ""
 
     def unsubscribe(self, client: ServedClient, subscriptions: Collection[int]) -> list[int]:
-        """End subscriptions of a client; returns the channels of those that it had."""
+        """End subscriptions of a client; returns the channels of the ones that it had."""
         with self._lock:
             gone = [own for own in subscriptions if own in client.subscriptions]
             channels = [client.subscriptions[own] for own in gone]
@@ -245,7 +245,7 @@ class Server:
             }
         return [channel.id for channel in channels]
 
-    # What all clients get
+    # To all clients
 
     def _tell_all(self, message: str | bytes, *, in_order: bool = False) -> None:
         for client in self._clients:
@@ -268,12 +268,12 @@ class Server:
                 client.connection.send(message)
 
     def tell_playback(self, state: PlaybackState) -> None:
-        """Tell how the recording plays, after what was sent of it."""
+        """Tell how the recording plays, after its messages so far."""
         with self._lock:
             self._tell_all(state.as_bytes(), in_order=True)
 
     def forget_the_past(self) -> None:
-        """Make all clients drop what they have: time went back."""
+        """Make all clients drop their data: time went back."""
         with self._lock:
             self._session = _new_session()
             self._tell_all(self._info(), in_order=True)
@@ -291,7 +291,7 @@ class Server:
     def set_parameters(
         self, client: ServedClient, given: Sequence[ShownParameter], request_id: str | None
     ) -> None:
-        """Set parameters; the client is told of them where it gave an id, and all that subscribe
+        """Set parameters; the client is told of them if it gave an id, and all that subscribe
         to them.
         """
 
@@ -305,7 +305,7 @@ class Server:
             client.say("too many requests at once; retry later")
 
     def publish_graph(self, graph: Connections) -> None:
-        """Send what changed in the graph of nodes to the clients that subscribe to it."""
+        """Send the changes of the graph of nodes to the clients that subscribe to it."""
         with self._lock:
             former, self._graph = self._graph, graph
             message = graph_update(former, graph)

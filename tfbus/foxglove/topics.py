@@ -45,7 +45,7 @@ _MOST_WAITING = 100
 _GONE_AFTER_S = 10.0
 
 
-# Makes what clients are sent, of the name of a topic and the values of a message.
+# Makes the values for clients, of the name of a topic and the values of a message.
 Shown = Callable[[str, Mapping[str, Any]], Mapping[str, Any]]
 
 
@@ -198,7 +198,7 @@ class _LiveTopic:
             self._subscription = None
 
     def repeat(self) -> None:
-        """Send what is retained to a client that comes late, too."""
+        """Send the retained message to a client that comes late, too."""
         if self.retained and self._subscription is not None:
             self._subscription.close()
             self._subscription = None
@@ -236,7 +236,7 @@ class _LiveTopic:
 class LiveTopics:
     """The topics of the bus, as of the last `update`; all calls come on one thread.
 
-    `shown(topic, values)` makes what clients are sent of the description of a robot; without it
+    `shown(topic, values)` makes the clients' values of the description of a robot; without it
     these topics are left out.
     """
 
@@ -259,7 +259,7 @@ class LiveTopics:
         self.adapt()
 
     def adapt(self) -> None:
-        """Subscribe to what clients watch."""
+        """Subscribe to the topics that clients watch."""
         for name, topic in list(self._topics.items()):
             try:
                 topic.adapt()
@@ -267,7 +267,7 @@ class LiveTopics:
                 self._once.warning(("subscribe", name), "Topic %r is not shown: %s", name, error)
 
     def subscribed(self, channel_id: int) -> None:
-        """A client has come to a channel; late ones get what is retained."""
+        """A client has come to a channel; late ones get the retained message."""
         for topic in self._topics.values():
             if topic.channel is not None and topic.channel.id == channel_id:
                 topic.repeat()

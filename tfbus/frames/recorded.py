@@ -72,7 +72,7 @@ class RecordedFrames:
     """The frames of a recording as a listener in `namespace`, or with a `fleet`, had them.
 
     `seek` goes to a moment, `advance` on to a later one; before the first there is nothing.
-    `sim_time` is whether ages are by the simulated time that was recorded; None: where all
+    `sim_time` is whether ages are by the simulated time that was recorded; None: if all
     publishers followed it. With `statics` "always" static transforms are there before they came.
     `view` is in the place of a namespace and fleet, and `new_buffer` makes the buffer.
     """
@@ -116,7 +116,7 @@ class RecordedFrames:
         return self._view.namespace
 
     def _make_selection(self) -> Selection:
-        """The streams, and the clock where that is followed; no other topics."""
+        """The streams, and the clock if that is followed; no other topics."""
         names = {channel.stream.name for channel in self._source.streams} | self._described
         topics = (clock_topic(self._view.namespace),) if self._follows_clock else ()
         # Without streams and topics it would take everything.
@@ -369,7 +369,7 @@ class RecordedFrames:
 
     @property
     def follows_clock(self) -> bool:
-        """Whether the time is the simulated one that was recorded, where there is one."""
+        """Whether the time is the simulated one that was recorded, if there is one."""
         return self._follows_clock
 
     def epoch_ns(self, stream: str) -> int | None:
@@ -414,16 +414,16 @@ class RecordedFrames:
 
     @property
     def pause(self) -> Pause | None:
-        """The pause of the recorder at the moment, None where it recorded."""
+        """The pause of the recorder at the moment, None while it recorded."""
         return self._pause
 
     def gone_ns(self, stream: str) -> int | None:
-        """When the publisher of a stream was lost, as a log time; None where it is there."""
+        """When the publisher of a stream was lost, as a log time; None while it is there."""
         known = self._streams.get(stream)
         return None if known is None else known.gone_ns
 
     def said_gone(self, stream: str) -> str:
-        """A clause that says since when the publisher of a stream was gone, "" where it is not."""
+        """A clause that says since when the publisher of a stream was gone, "" if it is not."""
         gone_ns = self.gone_ns(stream)
         if gone_ns is None:
             return ""
@@ -438,7 +438,7 @@ class RecordedFrames:
 
     def pause_since(self, frame: str) -> Pause | None:
         """The last pause that was, or began, after the newest sample of a frame, as the times went
-        on then; None where there is none.
+        on then; None if there is none.
         """
         if not self.pauses or frame not in self.buffer.frames():
             return None
@@ -492,7 +492,7 @@ class RecordedFrames:
 
     def next_sample_ns(self, frame: str) -> int | None:
         """When the next sample of a dynamic frame comes, from the publisher of its last, as a log
-        time; None where none does for 20 minutes.
+        time; None if none does for 20 minutes.
         """
         if frame not in self.buffer.frames():
             return None
@@ -665,7 +665,7 @@ def _namespace_of(event: EventItem) -> str:
 
 
 def _only_namespace(source: "RecordingReader", fleet: Fleet | None) -> str:
-    """The namespace of all streams, where none is in ours and there is one other."""
+    """The namespace of all streams, if none is in ours and there is one other."""
     if fleet is not None:
         return ""
     namespaces = {_namespace_of(event) for event in source.events if event.kind == "stream"}

@@ -78,7 +78,7 @@ def recorded_transform(
     sampling: Sampling = TF2,
 ) -> TransformStamped:
     """The pose at the moment of the choice. With a fixed frame: where the source was then, seen
-    from where the target is at the end of the recording. Raises TfbusError where there is none.
+    from where the target is at the end of the recording. Raises TfbusError if there is none.
     """
     with choice.opened() as bag:
         at_ns = bag.at_ns
@@ -147,7 +147,7 @@ def recorded_transforms(
     """The poses in the span of the choice: at the samples of the source, or of the first dynamic
     frame on the way from it to the target; or `rate_hz` of them a second. A static one comes once.
 
-    Raises TfbusError where there is none.
+    Raises TfbusError if there is none.
     """
     for stamps_ns, poses in _parts(choice, settings, fleet, target, source, rate_hz, sampling):
         for stamp_ns, pose in zip(stamps_ns.tolist(), poses, strict=True):
@@ -238,7 +238,7 @@ def stamps_received(
     reader: RecordingReader, from_ns: int, to_ns: int
 ) -> tuple[int | None, int | None]:
     """The first stamp of the dynamic transforms that were received from one log time to another,
-    and the last; None where there are none.
+    and the last; None if there are none.
     """
     first = next(_stamps(reader.items(from_ns, to_ns)), None)
     last = None
@@ -277,7 +277,7 @@ def _paths(
     rate_hz: float | None,
     sampling: Sampling,
 ) -> Iterator[Trajectory]:
-    """The path from one stamp to another, part by part. Raises as `Recording.trajectory` where
+    """The path from one stamp to another, part by part. Raises as `Recording.trajectory` if
     nothing of it is known.
     """
     if rate_hz is not None:
@@ -332,7 +332,7 @@ def poses_at(
 ) -> Trajectory:
     """The poses of the source, seen from the target, at the stamps at which they are known.
 
-    Raises as `Recording.lookup_transform` where it is known at none.
+    Raises as `Recording.lookup_transform` if it is known at none.
     """
     poses, known = recording.lookup_known_transforms(target, source, stamps_ns, sampling=sampling)
     if len(stamps_ns) and not known.any():

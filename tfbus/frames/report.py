@@ -255,7 +255,7 @@ T = TypeVar("T")
 # A number, a word in place of one, or nothing.
 Value = float | str | None
 
-# Forms of numbers that are seconds, besides those of `format`.
+# Forms of numbers that are seconds, besides the forms of `format`.
 _DURATION, _OFFSET = "duration", "offset"
 
 

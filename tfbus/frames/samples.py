@@ -91,7 +91,7 @@ class RecordedSamples:
 
     @property
     def last_ns(self) -> int | None:
-        """The latest stamp of a dynamic transform; None where there is none."""
+        """The latest stamp of a dynamic transform; None if there is none."""
         return int(self._last.max()) if len(self._last) else None
 
     def range_of(self, child: str, runs: Collection[int]) -> tuple[int, int] | None:
@@ -268,7 +268,7 @@ class RecordedSamples:
                         yield each, part
 
     def _part(self, group: Group, number: int, rows: Columns) -> Group | None:
-        """The messages of a run, with these of their rows; None where there is none."""
+        """The messages of a run, with these of their rows; None if there are none."""
         if not rows.count:
             return None
         run = self._runs[number]
@@ -311,7 +311,7 @@ class RecordedSamples:
         return [item for each in found if (item := self._seen(each)) is not None]
 
     def _seen(self, item: TransformItem) -> TransformItem | None:
-        """A static set as it is called here; None where it is not seen."""
+        """A static set as it is called here; None if it is not seen."""
         stream = item.stream
         if self._view.called(stream.name, stream.namespace) is None:
             return None
@@ -386,8 +386,8 @@ class RecordedSamples:
         return np.concatenate(found)
 
     def _run_of(self, chunk: int, key: StreamKey, child: str) -> int:
-        """The run of all messages of a frame in a chunk; _SEVERAL where they may be of several, or
-        not all are of one, _NO_RUN where none counts.
+        """The run of all messages of a frame in a chunk; _SEVERAL if they may be of several, or
+        not all are of one, _NO_RUN if none counts.
         """
         of_child: list[int] = []
         for each in self._runs_of[key]:
@@ -493,7 +493,7 @@ class RecordedSamples:
 
 
 def only(rows: Columns, children: Collection[str], parent: str | None = None) -> Columns:
-    """The rows with these child frames and, where it is given, this parent; fast for many."""
+    """The rows with these child frames and, if it is given, this parent; fast for many."""
     if not rows.count:
         return rows
     edges = np.frombuffer(rows.edges, np.uint32, 2 * rows.count, rows.edges_at).reshape(-1, 2)
@@ -530,7 +530,7 @@ def _children(group: Group) -> frozenset[str]:
 
 
 def _between(group: Group, run: Run) -> Group | None:
-    """The messages of a group that were received in the time of a run; None where there is none."""
+    """The messages of a group that were received in the time of a run; None if there are none."""
     behind = group.behind(run.from_ns - 1)
     return None if behind is None else behind.until(run.to_ns - 1)
 

@@ -330,7 +330,7 @@ def _remedies_of(
 def _remedies_of_rights(
     tree: FrameTree, error: TransformException | None, reads_only: str
 ) -> Iterator[str]:
-    """For frames that are not there, where rights on a closed bus may be the reason."""
+    """For frames that are not there, perhaps by the rights of a closed bus."""
     if not isinstance(error, (LookupException, ConnectivityException)):
         return
     for stream in tree.streams.values():
@@ -347,7 +347,7 @@ def _remedies_of_rights(
 
 
 def _remedies_of_unreadable(tree: FrameTree, error: TransformException | None) -> Iterator[str]:
-    """For frames that are not there, where the stream that has them may not be readable."""
+    """For frames that are not there, perhaps as their stream's description is unreadable."""
     if isinstance(error, (LookupException, ConnectivityException)):
         for stream in tree.streams.values():
             if stream.alive and stream.unreadable and not stream.frames:

@@ -96,7 +96,7 @@ class Columns:
         return columns
 
     def edges_bytes(self) -> bytes:
-        """The edges of all rows, without what stands around them."""
+        """The edges of all rows, without the bytes around them."""
         return self.edges[self.edges_at : self.edges_at + EDGE_SIZE * self.count]
 
     def stamps_bytes(self) -> bytes:
@@ -169,7 +169,7 @@ class Columns:
 
 
 class Kind:
-    """Rows with the same names and edges, and what has been found of them."""
+    """Rows with the same names and edges, and the value found for them."""
 
     def __init__(self, frames: tuple[str, ...], edges: bytes, found: object) -> None:
         self.frames = frames

@@ -572,7 +572,7 @@ class History:
     Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
 
     Compiled, Python's collector does not know a frame that was never looked up: it would stop the
-    process for 0.35 s where 200,000 new ones come. An object that it does not know is in no
+    process for 0.35 s when 200,000 new ones come. An object that it does not know is in no
     cycle: see `track`.
     """
 
@@ -1139,8 +1139,8 @@ def _name_of(parent: "History | None") -> str | None:
 class Path:
     """From a source frame up to the common ancestor, and from there down to a target frame.
 
-    `up` are the edges from the source to the ancestor, the source's own first; `down` those from
-    the target to the ancestor. `topology` is the tree's when the path was found. `pose`
+    `up` are the edges from the source to the ancestor, the source's own first; `down` the edges
+    from the target to the ancestor. `topology` is the tree's when the path was found. `pose`
     is the result of `follow`.
     """
 

@@ -137,7 +137,7 @@ def bytes_of(room: "array[float]") -> bytes:
 
 
 def octets_of(room: bytearray) -> MutableSequence[int]:
-    """The bytes, to be set; in C where they are, which takes no view."""
+    """The bytes, to be set; in C in their place, which takes no view."""
     return room
 
 

@@ -27,7 +27,7 @@ Triple = tuple[float, float, float]
 LOCKED_BELOW = 1e-8
 # The tolerance of a rotation's matrix.
 ORTHOGONAL_WITHIN = 1e-6
-# Below this sine of the angle between two directions rounding decides what is across both.
+# Below this sine of the angle between two directions rounding decides the normal of both.
 PARALLEL_WITHIN = 1e-9
 
 
@@ -58,7 +58,7 @@ def _unit(quaternions: Floats) -> Floats:
 
 
 def product(a: Floats, b: Floats) -> Floats:
-    """First the rotations of `b`, then those of `a`; of norm one."""
+    """First the rotations of `b`, then the ones of `a`; of norm one."""
     axis_a, w_a = a[..., :3], a[..., 3:]
     axis_b, w_b = b[..., :3], b[..., 3:]
     w = w_a * w_b - np.sum(axis_a * axis_b, axis=-1, keepdims=True)

@@ -277,7 +277,7 @@ def _numbers(values: ArrayLike, shape: tuple[int, int], what: str) -> Floats:
 
 
 def _units(quat_xyzw: Floats) -> Floats:
-    """The quaternions with norm 1; those that have it to the last bit stay as they are."""
+    """The quaternions with norm 1; any that has it to the last bit stays as it is."""
     with np.errstate(over="ignore"):
         x, y, z, w = quat_xyzw.T
         # As the buffer computes it, to the last bit.
@@ -303,8 +303,8 @@ _DECIMAL = re.compile(r"-?\d{1,10}\.\d*|-?\d\.\d+e\+?0?9", re.ASCII)
 
 
 def _lines_of(path: FilePath, *, comments: bool = True) -> Iterator[tuple[int, str]]:
-    """The lines of a UTF-8 file with their numbers; with `comments` without those that are empty
-    or begin with `#`.
+    """The lines of a UTF-8 file with their numbers; with `comments` without lines that are empty or
+    begin with `#`.
 
     Raises DecodeError for a file that is not text, and OSError.
     """

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     Floats = NDArray[np.float64]
-    # What `T @ points` takes for points.
+    # The points of `T @ points`.
     Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
 else:
     from tfbus.base import lazy_numpy as np
@@ -541,7 +541,7 @@ class TransformStamped:
         """`stamp_ns`, `frame_id`, `child_frame_id`, `xyz` and `quat_xyzw`, for JSON, YAML or
         msgpack; `extrapolated_ns` only if it is not 0. `from_dict` reads it back.
 
-        The names are those of `tfbus echo --format json`.
+        The names are the same as in `tfbus echo --format json`.
         """
         values = {
             "stamp_ns": self._stamp_ns,
@@ -705,7 +705,7 @@ def _is_masked(value: object) -> bool:
     return "numpy" in sys.modules and bool(np.ma.is_masked(value))
 
 
-# What both kinds of transforms say of `points @ T`.
+# The error of both kinds of transforms for `points @ T`.
 POINTS_COME_SECOND = "the points come second: T @ points, or T.apply(points)"
 APPLIED_WITH_AT = "a Transform is applied with @: T @ points, T_a_b @ T_b_c"
 
@@ -778,7 +778,9 @@ def _angles(values: ArrayLike, what: str, degrees: bool) -> Sequence[float]:
 
 
 def as_floats(values: ArrayLike, what: str) -> Floats:
-    """The array. Raises InvalidArgumentException, which calls it `what`, for what is none."""
+    """The values as an array. Raises InvalidArgumentException, which calls them `what`, if they
+    are none.
+    """
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError):

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from tfbus.geometry.transform import Points
 
     Floats = NDArray[np.float64]
-    # What picks rows: a slice, a mask (N,), or indices.
+    # A choice of rows: a slice, a mask (N,), or indices.
     Rows = slice | NDArray[np.bool_] | NDArray[np.intp] | Sequence[bool] | Sequence[int]
 else:
     from tfbus.base import lazy_numpy as np
@@ -266,7 +266,7 @@ class TransformArray(Sequence[Transform]):
     def __getitem__(self, rows: "Rows") -> "TransformArray": ...
 
     def __getitem__(self, rows: Any) -> "Transform | TransformArray":
-        """Transform i; or those of a slice, of a mask (N,), or of indices.
+        """Transform i; or the transforms of a slice, of a mask (N,), or of indices.
 
         Raises IndexError as numpy does, and InvalidArgumentException for transform i if that is
         unknown.

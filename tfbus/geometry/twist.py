@@ -59,7 +59,7 @@ class TwistStamped:
 
 
 def pick_stamps(stamps_ns: Sequence[int], start_ns: int, end_ns: int) -> list[int]:
-    """The stamps to estimate from: those of samples in the window, or its ends without two."""
+    """The stamps to estimate from: the samples' in the window, or its ends without two."""
     stamps = sorted({stamp for stamp in stamps_ns if start_ns <= stamp <= end_ns})
     if len(stamps) < 2:
         return [start_ns, end_ns]

@@ -301,7 +301,7 @@ class LaunchFields:
 
 
 def _list_item(text: str) -> str:
-    """The text as an item of a YAML list in brackets, quoted where YAML would split it."""
+    """The text as an item of a YAML list in brackets, quoted if YAML would split it."""
     return json.dumps(text) if re.search(r"[\[\]{},:#'\"\s]|^$", text) else text
 
 

@@ -23,9 +23,9 @@ from tfbus.wire.numbered import FLOAT64
 
 @dataclass(frozen=True, slots=True)
 class LaunchProgram:
-    """A command line, its name, and what to do when it ends.
+    """A command line, its name, and whether it is restarted, or ends the launch, when it ends.
 
-    `changes` are the environment variables that differ from those of launch itself; None unsets.
+    `changes` are the environment variables that differ from launch's own; None unsets.
     `unblocks_sigint`: the program starts with SIGINT blocked and unblocks it itself, as the command
     `tfbus` does.
     """
@@ -86,7 +86,7 @@ def dry_run_line(program: LaunchProgram) -> str:
 
 
 def check_startable(process: DescribedProcess, nodes: Collection[str]) -> None:
-    """Raises YamlFileError if there is no such program; `nodes` are those of tfbus."""
+    """Raises YamlFileError if there is no such program; `nodes` are tfbus's."""
     if process.node:
         if not process.node.endswith(".py") and process.node not in nodes:
             raise process.place.mistake(

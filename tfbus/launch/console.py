@@ -56,9 +56,9 @@ def _end_of_letter(data: bytes, at: int) -> int:
 
 
 def safe_line(line: bytes, *, styled: bool) -> bytes:
-    """A line of a program as a terminal may get it: what would move the cursor, set a title or
-    answer in the user's name is escaped, as in tfbus's own log. Colours stay if it is `styled`,
-    to the end of the line, and are left out elsewhere.
+    """A line of a program as a terminal may get it: sequences that would move the cursor, set a
+    title or answer in the user's name are escaped, as in tfbus's own log. Colours stay if it is
+    `styled`, to the end of the line, and are left out elsewhere.
     """
     text = line.decode(errors="surrogateescape")
     if text.isprintable():

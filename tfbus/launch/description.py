@@ -1,5 +1,5 @@
 """The processes of a launch file, as frozen values between the reader and the runner, and its
-mistakes beside those in a file (YamlFileError).
+mistakes beside a file's (YamlFileError).
 """
 
 from dataclasses import dataclass
@@ -48,8 +48,7 @@ class DescribedProcess:
     `node` is a subcommand of tfbus (an entry point of the group `tfbus.nodes`) or the path of a
     Python file; `arguments` come last on its command line. Names in `after` are full names of
     nodes, `/robot7/sim`. `secure` is the folder of its identity on a closed bus, `network` its
-    network, and `poses` how precise the transforms are that it sends; "" for those of the whole
-    launch.
+    network, and `poses` how precise the transforms are that it sends; "" for the whole launch's.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""A process that ends what a killed launch leaves behind.
+"""A process that ends the programs that a killed launch leaves behind.
 
 Launch cannot catch SIGKILL. The guard reads the process groups from a pipe, which the kernel
 closes when launch ends, however it ends. Unlike PR_SET_PDEATHSIG it needs no code between fork

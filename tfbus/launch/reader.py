@@ -182,7 +182,7 @@ _INCLUDE_KEYS = ("file", "package", "namespace", "arguments")
 
 
 def read_arguments(path: Path) -> tuple[Argument, ...]:
-    """The arguments of a launch file, in its order, without those of files it includes."""
+    """The arguments of a launch file itself, in its order, without included files'."""
     return _Document(path).arguments
 
 
@@ -292,7 +292,7 @@ class _Reading:
     poses: str = ""
 
     def entries(self, document: _Document, given: Mapping[str, str]) -> Iterator[ProcessEntry]:
-        """Every process, those of included files first."""
+        """Every process, included files' first."""
         folder = document.path.parent
         values = argument_values(document.arguments, given, str(document.path))
         scope = Scope(values, self.environment, str(folder.resolve()))

@@ -1,4 +1,4 @@
-"""systemd: the unit that starts a launch file at boot, what a running launch tells the service
+"""systemd: the unit that starts a launch file at boot, a running launch's messages to the service
 manager, and its journal; and an image of the same.
 """
 

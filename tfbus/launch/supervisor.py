@@ -240,7 +240,7 @@ class Supervisor:
         return self._escalation.has_begun
 
     def _fail(self, name: str, text: str) -> None:
-        """Log what went wrong and end everything, with exit code 1."""
+        """Log the fault and end everything, with exit code 1."""
         if not self._was_asked_to_stop:
             self._has_failed = True
         self._say("ERROR", name, text)

@@ -1,4 +1,4 @@
-"""Topics, services and actions of the supplied nodes; those of the turtles are turtlesim's.
+"""Topics, services and actions of the supplied nodes; the turtles' are turtlesim's.
 
 Lengths are metres, angles radians (counter-clockwise, zero along x), times nanoseconds since the
 Unix epoch. A value that is not finite or out of range raises ValueError; on the bus such a message

@@ -35,7 +35,7 @@ class Vector3:
 
 @dataclass(frozen=True, slots=True)
 class Quaternion:
-    """A rotation, or no value where all are 0; the length is checked where it must be 1."""
+    """A rotation, or no value if all are 0; the length is checked if it must be 1."""
 
     x: float = 0.0
     y: float = 0.0

@@ -21,7 +21,7 @@ from tfbus.messages.fields import (
 # How many times as many rows as the image they have, in one plane behind the other.
 _PLANAR = {"nv12": 1.5, "nv21": 1.5, "nv24": 3.0}
 
-# The names of encodings in ROS: the numbers of a pixel, and how many there are. Of those with
+# The names of encodings in ROS: the numbers of a pixel, and how many there are. Of encodings with
 # planes this is the first one, of brightness.
 _ENCODINGS = {
     **{f"{order}8": ("u1", len(order)) for order in ("rgb", "rgba", "bgr", "bgra")},

@@ -72,7 +72,7 @@ _TYPES = {
     12: "arrow strip",
 }
 _ACTIONS = {0: "add or modify", 2: "delete", 3: "delete all"}
-# Those drawn at `points`, with a colour for each where there are colours.
+# The types drawn at `points`, with a colour for each if there are colours.
 _LISTS = (4, 5, 6, 7, 8, 11, 12)
 
 

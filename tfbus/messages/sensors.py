@@ -25,7 +25,7 @@ from tfbus.messages.geometry import Quaternion, Vector3
 # More columns than these are refused: no sensor has so many, and to name them takes long.
 _MOST_COLUMNS = 1000
 
-# Columns in which drivers write when a point was measured, those after the stamp first. A float is
+# Columns in which drivers write when a point was measured, times after the stamp first. A float is
 # in seconds, an integer in nanoseconds.
 _TIME_COLUMNS = ("t", "time", "time_offset", "offset_time", "time_stamp", "timestamp", "timestamps")
 

@@ -149,7 +149,7 @@ class Lanes:
         return Lane(self._beside, group)
 
     def describe(self) -> dict[str, list[Any]]:
-        """The delays in the node's description of itself, where there are some."""
+        """The delays in the node's description of itself, if there are some."""
         delays = self.delays.described(self.own.overdue())
         return {"delays": delays} if delays else {}
 

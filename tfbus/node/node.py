@@ -205,7 +205,7 @@ class Node:
     def __repr__(self) -> str:
         return f"<Node {self.full_name}{', closed' if self._closed else ''}>"
 
-    if not TYPE_CHECKING:  # type checkers find what is missing themselves
+    if not TYPE_CHECKING:  # type checkers find missing names themselves
 
         def __getattr__(self, name: str) -> Any:
             """No attribute; the error names what stands for one of rclpy."""

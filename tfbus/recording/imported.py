@@ -40,9 +40,9 @@ from tfbus.wire.keys import (
 
 @dataclass(frozen=True)
 class ForeignChannel:
-    """Messages of one topic, type and, where the file says so, publisher.
+    """Messages of one topic, type and, if the file says so, publisher.
 
-    `type_name` is as ROS 2 has it, `tf2_msgs/msg/TFMessage`, or as Foxglove, and `encoding` that of
+    `type_name` is as ROS 2 has it, `tf2_msgs/msg/TFMessage`, or as Foxglove, and `encoding` is of
     the messages: "cdr", "ros1", "json", "protobuf" or another. `definition` is the type's in
     `definition_format`, "ros2msg" or "ros1msg" among others; "" if the file has none. A topic
     that is `retained` is transient local in ROS 2, and latched in ROS 1.

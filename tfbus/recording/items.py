@@ -123,7 +123,7 @@ class EventItem:
 
     @property
     def dropped(self) -> int:
-        """How many messages were not recorded; 0 of other events, and where that is no number."""
+        """How many messages were not recorded; 0 of other events, and if that is no number."""
         messages = self.facts.get("messages") if self.kind == "dropped" else 0
         return messages if isinstance(messages, int) else 0
 

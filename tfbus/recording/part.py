@@ -257,11 +257,11 @@ class Group:
     rows: Columns
 
     def until(self, log_ns: int) -> "Group | None":
-        """The messages up to a log time; None where there is none."""
+        """The messages up to a log time; None if there are none."""
         return self._slice(0, bisect_right(self.log_ns, log_ns))
 
     def behind(self, log_ns: int) -> "Group | None":
-        """The messages behind a log time; None where there is none."""
+        """The messages behind a log time; None if there are none."""
         return self._slice(bisect_right(self.log_ns, log_ns), len(self.log_ns))
 
     def messages(self) -> "list[Group]":
@@ -416,7 +416,7 @@ class StoredChunk:
         return found
 
     def topic_item(self, message: Message) -> TopicItem | None:
-        """The item of a message of a topic; None where it cannot be read."""
+        """The item of a message of a topic; None if it cannot be read."""
         topic = self.part.topic_channels[message.channel]
         if topic.decode is None:
             return None
@@ -438,7 +438,7 @@ class StoredChunk:
 
 
 class UnreadItem(NamedTuple):
-    """A message of a topic, which is decoded where its turn comes: its values take up to fifty
+    """A message of a topic, which is decoded when its turn comes: its values take up to fifty
     times its bytes.
     """
 
@@ -447,7 +447,7 @@ class UnreadItem(NamedTuple):
     message: Message
 
     def read(self) -> TopicItem | None:
-        """The item; None where it cannot be read."""
+        """The item; None if it cannot be read."""
         return self.chunk.topic_item(self.message)
 
 

@@ -48,7 +48,7 @@ class EdgeTable:
         self.static, self.dynamic = table[is_static, 1:], table[~is_static, 1:]
 
     def key(self, channel: StreamChannel) -> int | None:
-        """The number of the stream of a channel in its epoch; None where it is not seen."""
+        """The number of the stream of a channel in its epoch; None if it is not seen."""
         return self.keys.get((channel.stream.name, channel.stream.epoch_ns))
 
     def sent_names(self, children: frozenset[str]) -> frozenset[str]:

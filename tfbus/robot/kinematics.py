@@ -2,7 +2,7 @@
 
 Each joint moves its child by a motion in the joint's frame: a revolute or continuous one turns
 about its axis, a prismatic one slides along it; a planar one moves in the plane across its axis,
-whose x and y come from those of the joint's frame by the shortest turn of z onto the axis; a
+whose x and y come from the joint's frame by the shortest turn of z onto the axis; a
 floating one moves freely. KDL and urdfdom have the same, if they have these joints.
 In many configurations at once a rotation is a column of the quaternion's x y z w, a configuration
 each. The effect that the origins of joints do to them is the same in all, so that it is a matrix,
@@ -188,7 +188,7 @@ class _Poses:
 
 
 class _ManyStep:
-    """A joint: how the poses of its parent and its positions make those of its child."""
+    """A joint: makes the poses of its child of its parent's and its positions."""
 
     def __init__(self, joint: Joint, origin: Pose) -> None:
         self._kind = joint.type
@@ -256,7 +256,7 @@ class Positions:
     """Which joints of a robot move, and where they are.
 
     Each joint that moves has a place in a list of positions: the free ones in order, then the
-    mimics, each after its source. `mimics` are their places and names, and those of the sources.
+    mimics, each after its source. `mimics` are their places and names, and their sources.
     """
 
     def __init__(self, joints: Mapping[str, Joint], free: Sequence[Joint]) -> None:
@@ -291,7 +291,7 @@ class Positions:
         return self._follow(positions, given)
 
     def _follow(self, positions: list[Any], given: Container[str]) -> list[Any]:
-        """The positions, with those of the mimics that are not given."""
+        """The positions, with computed ones of the mimics that are not given."""
         for place, name, source, mimic in self.mimics:
             if name not in given:
                 position = mimic.multiplier * positions[source] + mimic.offset
@@ -424,7 +424,7 @@ def _numbers(value: Any, what: str) -> Floats:
 
 
 def _by_number(joint: Joint, array: Floats) -> Any:
-    """An array of positions (N,), or of (N, numbers) a tuple of those."""
+    """An array of positions (N,), or of (N, numbers) a tuple of arrays (N,)."""
     if joint.position_size == 1:
         return array
     if joint.type == "floating":

@@ -13,15 +13,15 @@ from urllib.parse import unquote
 
 # Gazebo's word for the same.
 _PACKAGE = ("package://", "model://")
-# Formats of meshes. A file of another kind is none, wherever it is: what a URDF of a stranger names
-# is sent to those who ask for the robot's meshes.
+# Formats of meshes. A file of another kind is none, wherever it is: the files that a stranger's
+# URDF names are sent to anyone who asks for the robot's meshes.
 _FORMATS = frozenset(
     (
         *(".3ds", ".3mf", ".ac", ".dae", ".fbx", ".glb", ".gltf", ".iv", ".mesh", ".msh", ".obj"),
         *(".off", ".ply", ".stl", ".stlb", ".usd", ".usda", ".usdc", ".usdz", ".wrl", ".x3d"),
     )
 )
-# What a mesh may read besides its own file: materials, buffers and pictures.
+# The files that a mesh may read besides its own: materials, buffers and pictures.
 BESIDE = frozenset(
     (
         *(".mtl", ".bin", ".png", ".jpg", ".jpeg", ".bmp", ".tga", ".tif", ".tiff", ".gif"),
@@ -36,7 +36,7 @@ _OF_URDFS = frozenset(("urdf", "urdfs", "xacro", "robot", "robots", "model", "mo
 
 
 class MeshPathError(ValueError):
-    """A name of a mesh that leads out of its package; the message says which and what to do."""
+    """A name of a mesh that leads out of its package; the message has the name and the remedy."""
 
 
 def parts_of(name: str) -> tuple[str, str]:
@@ -74,8 +74,8 @@ def folder_of_source(source: str, package_path: Sequence[Path]) -> tuple[Path, P
     """The folder of a URDF that a description of the bus or of a recording says it is from, and the
     folder of `package_path` that holds it.
 
-    None if no such folder does: a stranger may name any path, and counts for what the user of
-    this machine has named.
+    None if no such folder does: a stranger may name any path, and only paths count that the user
+    of this machine has named.
     """
     if not os.path.isabs(source) or "\0" in source:
         return None
@@ -106,8 +106,8 @@ def file_below(name: str, folders: Sequence[Path]) -> tuple[Path, Path] | None:
 class MeshFiles:
     """Finds the files of the meshes of a URDF.
 
-    `folder` is that of the URDF: paths without `package://` begin there. None for a URDF that is
-    not a file here. The packages are searched in `package_path`, in what ROS has installed
+    `folder` is the URDF's: paths without `package://` begin there. None for a URDF that is
+    not a file here. The packages are searched in `package_path`, in ROS's folders
     (AMENT_PREFIX_PATH, ROS_PACKAGE_PATH), in the URDF's own package, beside it if there are
     packages of ROS, then in `share` of this Python and of the system. Of the folders above `within`
     none is searched.
@@ -122,7 +122,7 @@ class MeshFiles:
         if within is not None:
             above = [each for each in above if each.is_relative_to(within)]
         count = _size_of_package(above)
-        # The folders from the URDF's up to its package, and those above with packages beside it.
+        # The folders from the URDF's up to its package, and further ones with packages beside it.
         self._above = above[:count]
         self._beside = above[count : count + _repository(above[count:])]
         self._packages: dict[str, list[Path]] = {}
@@ -136,7 +136,7 @@ class MeshFiles:
         """The file of a mesh; the first place where it should be if there is none.
 
         None if the name is an address, an absolute path outside of all packages, or a relative
-        one and there is no folder; and where it, or the file that it is a link to, does not end as
+        one and there is no folder; and if it, or the file that it is a link to, does not end as
         a mesh does. Raises MeshPathError if it climbs out of its package.
         """
         file = self._find(name)
@@ -220,7 +220,7 @@ def _size_of_package(above: Sequence[Path]) -> int:
 
 
 def _repository(above: Sequence[Path]) -> int:
-    """How many of the folders above a package may hold others beside it: those of its repository,
+    """How many of the folders above a package may hold others beside it: all up to its repository,
     and at least the next one.
     """
     below_root = above[:-1]
@@ -231,7 +231,7 @@ def _repository(above: Sequence[Path]) -> int:
 
 
 def _is_one_of(suffixes: Set[str], file: Path) -> bool:
-    """Whether a file is there and has one of these suffixes, and what it is a link to likewise."""
+    """Whether a file is there and has one of these suffixes, and the target of a link likewise."""
     real = Path(os.path.realpath(file))
     return {file.suffix.lower(), real.suffix.lower()} <= suffixes and real.is_file()
 
@@ -256,7 +256,7 @@ def _installed() -> Iterator[Path]:
 
 
 def _shared() -> Iterator[Path]:
-    """The folders in which pip and the system install what belongs to packages."""
+    """The folders in which pip and the system install the data of packages."""
     packages = Path(sysconfig.get_path("purelib"))
     yield packages
     # Where the packages of cmeel, such as example-robot-data, have theirs.

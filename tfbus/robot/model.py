@@ -118,7 +118,7 @@ class Link:
 class JointLimits:
     """How far and how fast a joint may go: radians, metres, and these a second; Nm or N.
 
-    `lower` and `upper` of a continuous joint are infinite, as is what the URDF does not limit.
+    `lower` and `upper` of a continuous joint are infinite, as are limits that the URDF lacks.
     """
 
     lower: float = -inf
@@ -143,7 +143,7 @@ class Joint:
     `type` is "revolute", "continuous", "prismatic", "planar", "floating" or "fixed". `origin` is
     the pose of the joint's frame in the parent link, and of the child link at position 0. `axis` is
     a unit vector in the joint's frame: of rotation, of sliding, or the normal of a plane.
-    `soft_limits`, lower and upper, are those of its safety controller.
+    Its safety controller has the `soft_limits`, lower and upper.
     """
 
     name: str
@@ -208,7 +208,7 @@ class Model:
     """All that a URDF says of a robot.
 
     `links` and `joints` are in the order of the URDF, `down` are the joints from the root
-    outwards. `warnings` are sentences on what the URDF leaves out and how it was read.
+    outwards. `warnings` are sentences on parts that the URDF lacks and how it was read.
     """
 
     name: str

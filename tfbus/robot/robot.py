@@ -1,4 +1,4 @@
-"""`Robot`: what a URDF describes, and where its links are."""
+"""`Robot`: the links and joints of a URDF, and the poses of its links."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Robot:
 
     `links` and `joints` are by name in the order of the URDF, `root` is the top link, `free_joints`
     are neither fixed nor mimics. `text` is the URDF, expanded if it was xacro, of the `files`.
-    `warnings` are sentences on what it leaves out.
+    `warnings` are sentences on parts that it lacks.
 
     Positions are radians or metres: a map of names, or an array with the numbers of `free_joints`
     one after the other. A planar joint has three (x, y, angle), a floating one seven (x y z qx qy
@@ -141,7 +141,7 @@ class Robot:
         return sum(min(joint.position_size, 6) for joint in self.free_joints)
 
     def zeros(self) -> dict[str, Position]:
-        """The position of each free joint at rest: 0, or the middle of its limits where 0 is
+        """The position of each free joint at rest: 0, or the middle of its limits if 0 is
         outside; of a planar joint (0, 0, 0), of a floating one the identity.
         """
         at_rest: dict[str, Position] = {}
@@ -207,7 +207,7 @@ class Robot:
         return ManySteps(self._steps)
 
     def chain(self, a: str, b: str) -> tuple[Joint, ...]:
-        """The joints on the way from link `a` to link `b`, first those up, then those down."""
+        """The joints on the way from link `a` to link `b`, first upwards, then downwards."""
         up, down = self._ways(self._link_number(a), self._link_number(b))
         steps = self._steps.steps
         return tuple(steps[number][0] for number in [*up, *reversed(down)])
@@ -288,7 +288,7 @@ class Robot:
             columns.append((column, factor * mimic.multiplier))
         return columns
 
-    # What a robot publishes
+    # Transforms to publish
 
     def static_transforms(self, prefix: str = "") -> list[Edge]:
         """Parent, child and pose of each fixed joint; `prefix` is put before the names."""
@@ -299,7 +299,7 @@ class Robot:
         ]
 
     def joint_transforms(self, positions: Mapping[str, Position], prefix: str = "") -> list[Edge]:
-        """Parent, child and pose of each joint that `positions` names and of those that mimic it.
+        """Parent, child and pose of each joint that `positions` names and of its mimics.
 
         A mimic joint follows the first of its chain that is named, unless it is named itself;
         `prefix` is put before the names. Raises as `fk`, and for a pose that is not finite.
@@ -326,7 +326,7 @@ class Robot:
 
 def _velocities(joint: Joint, frame: Floats, lever: Floats) -> Floats:
     """The columns of a joint of the Jacobian (6, 1, 3 or 6): `frame` is the matrix (3, 3) of its
-    frame in the root, `lever` leads from its child's origin to what moves.
+    frame in the root, `lever` leads from its child's origin to the moved point.
     """
     slides: list[Any] = []
     turns: list[Any] = []
@@ -359,8 +359,8 @@ def _argument(value: object) -> str:
 def read_described(urdf: str, source: str, package_path: Sequence[Path], called: str) -> Robot:
     """The robot of a description; if it has no `source`, mistakes call it `called`.
 
-    Files of this machine are only in `package_path` and in what is installed: a `source` counts
-    if it lies in one of those folders. Raises UrdfError.
+    Files of this machine are only in `package_path` and in installed packages: a `source` counts
+    if it lies in one of these folders. Raises UrdfError.
     """
     folder, within = folder_of_source(source, package_path) or (None, None)
     files = MeshFiles(folder, package_path, within)

@@ -1,6 +1,6 @@
 """Reads a URDF into a model of the robot, each mistake with its line.
 
-The format: https://wiki.ros.org/urdf/XML, and where that is silent, as urdfdom reads it.
+The format: https://wiki.ros.org/urdf/XML, and if that is silent, as urdfdom reads it.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ Look = tuple[tuple[int, int, int] | None, float, str]
 
 
 def read_model(text: str, source: str, files: MeshFiles) -> Model:
-    """The robot that a URDF's text describes; `source` is what mistakes call it.
+    """The robot that a URDF's text describes; `source` is its name in mistakes.
 
-    Raises UrdfError, with the line and the name of what is wrong.
+    Raises UrdfError, with the line and the name of the wrong element.
     """
     return _UrdfReader(read_xml(text, source), files).read()
 
@@ -227,7 +227,7 @@ class _UrdfReader:
 
 
 def _materials(robot: Element) -> dict[str, Element]:
-    """The materials by name: the robot's, then those that a visual defines, as in urdfdom."""
+    """The materials by name: the robot's, then the visuals' own, as in urdfdom."""
     found = {each.get("name"): each for each in robot.find_all("material")}
     for link in robot.find_all("link"):
         for visual in link.find_all("visual"):

@@ -31,7 +31,7 @@ MOST_MEMORY = 2_000_000_000
 
 def main() -> None:
     """Expand one file."""
-    # xacro and what it evaluates may print; that must not be taken for an answer.
+    # xacro and the expressions in a file may print; that must not be taken for an answer.
     answer = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     request = json.load(sys.stdin)
@@ -79,7 +79,7 @@ def _expand(path: str, arguments: Mapping[str, str], files: MeshFiles) -> dict[s
             raise UrdfError(f"{path}: {error}") from None
         except MemoryError:
             raise
-        # It raises all kinds of errors, of what it evaluates too.
+        # It raises all kinds of errors, of evaluated expressions too.
         except Exception as error:
             raise UrdfError(_mistake(xacro, path, error)) from None
     included = [os.path.abspath(each) for each in dict.fromkeys(xacro.all_includes)]
@@ -110,7 +110,7 @@ _LONGEST_S = 4 * MOST_CPU_S
 
 @dataclass(frozen=True)
 class Expanded:
-    """The text of an expanded xacro file, the files that it includes, and what xacro warns of."""
+    """The text of an expanded xacro file, the files that it includes, and xacro's warnings."""
 
     text: str
     included: tuple[Path, ...]

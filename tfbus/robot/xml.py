@@ -1,4 +1,4 @@
-"""XML as elements that know their lines; what could cost a reader its memory is refused."""
+"""XML as elements that know their lines; a text that could cost a reader its memory is refused."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOST_BYTES = 20_000_000
 MOST_ELEMENTS = 100_000
 MOST_DEPTH = 100
 
-# What files of robots are encoded in. Python knows others, some of which are no encodings of text.
+# The encodings of files of robots. Python knows others, some of which are no encodings of text.
 _ENCODINGS = re.compile(
     r"utf-?8|utf-?16|us-ascii|ascii|latin-?1|iso-?8859-\d+|windows-125\d|cp125\d"
 )
@@ -92,7 +92,7 @@ def read_xml(text: str, source: str) -> Element:
 
 
 class _Reader:
-    """Builds elements from what expat reports."""
+    """Builds elements from expat's events."""
 
     def __init__(self, source: str) -> None:
         self._source = source

@@ -45,7 +45,7 @@ class StreamState(Struct):
 
 
 class StreamInfo(Struct):
-    """A stream: its publisher, whether it is there, and what has been received.
+    """A stream: its publisher, whether it is there, and the counts of its messages.
 
     `node` (full name), `host`, `pid`, `session` and `priority` are from the description of the
     stream `name`, empty before it; `frames` are its rows of parent, child and whether it is static.

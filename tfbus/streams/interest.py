@@ -155,7 +155,7 @@ class DescribedTree:
         return not self._ways_up(target).keys().isdisjoint(self._ways_up(source))
 
     def roots(self, frame: str) -> list[str]:
-        """The topmost frames above a frame, sorted; one where streams agree."""
+        """The topmost frames above a frame, sorted; one if streams agree."""
         return sorted(above for above, edges in self._ways_up(frame).items() if not edges)
 
     def _between(self, target: str, source: str) -> dict[str, list[DescribedEdge]]:

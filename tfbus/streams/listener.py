@@ -385,7 +385,7 @@ class TransformListener:
             self._watch.ask_again(stream.state.key, epoch_ns)
 
     def _ask_for_names(self, name: str, epoch_ns: int) -> None:
-        """Ask for the description again where it has not come by itself in a while, as on a link
+        """Ask for the description again if it has not come by itself in a while, as on a link
         that loses it.
         """
         self._unnamed.discard(name)

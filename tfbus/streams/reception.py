@@ -59,7 +59,7 @@ class StreamReception:
     `DynamicReception` and `statics`.
 
     `reader` is one for all streams of a namespace, `around` the listener, which does nothing if it
-    is None. `now_s` is a clock that never goes back. `rights` are None where the publishers may
+    is None. `now_s` is a clock that never goes back. `rights` are None if the publishers may
     have all frames.
     """
 

@@ -319,7 +319,7 @@ def without_removed(kept: Sequence[Entry]) -> list[tuple[str, bytes]]:
 
 
 def _without_removed(kept: Sequence[Entry], first: int) -> list[tuple[int, str, bytes]]:
-    """As `without_removed`, each with its number, where the first entry has the number `first`."""
+    """As `without_removed`, each with its number, from `first` on."""
     removed: set[bytes] = set()
     messages = []
     for number, (key, payload) in zip(

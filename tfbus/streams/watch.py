@@ -418,7 +418,7 @@ class StreamWatch:
         asked_epoch_ns: int | None = None,
         owner_is_silent: bool = False,
     ) -> None:
-        """Take a description from a session; the one of the epoch that was asked for also where it
+        """Take a description from a session; the one of the epoch that was asked for also if it
         is an earlier one.
         """
         former = self._state(key)
@@ -646,7 +646,7 @@ class StreamWatch:
     def _ask_for_description(self, key: str, epoch_ns: int | None = None) -> None:
         """Ask for the retained description: Zenoh requests it for later publishers too, but not
         at keys that begin with `@`. With an epoch, the description of that one among several
-        publishers is reported even where it was known before.
+        publishers is reported even if it was known before.
         """
         if epoch_ns is None and key not in self._asking and len(self._asking) >= _MOST_ASKED:
             self._to_ask[key] = None

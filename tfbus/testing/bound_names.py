@@ -101,7 +101,7 @@ class _Searched:
     """Modules that were searched for names that a simulation replaces."""
 
     def __init__(self) -> None:
-        # There are thousands: beside each its names, how many these were, and what was found.
+        # There are thousands: beside each its names, how many these were, and the found swaps.
         self._modules: list[Any] = []
         self._namespaces: list[dict[str, Any]] = []
         self._sizes: list[int] = []

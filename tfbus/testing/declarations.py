@@ -1,4 +1,4 @@
-"""Declarations of a session, its own and those it has heard of, and which of their keys meet.
+"""Declarations of a session, its own and ones it has heard of, and which of their keys meet.
 
 Each has a source: the session itself, the face of a peer or client, or the table of another router.
 """
@@ -71,7 +71,7 @@ class KeyHolders(Generic[Holder]):
         # The keys by their first two names, of thousands of which an expression meets few.
         self._below: dict[str, dict[str, None]] = {}
         self._expressions: dict[str, None] = {}
-        # What was found, until a holder comes or goes.
+        # The found holders, until a holder comes or goes.
         self._found: dict[str, dict[Holder, None]] = {}
 
     def add(self, key: str, holder: Holder) -> None:
@@ -249,7 +249,7 @@ class Tokens:
         self._session = session
         self._numbers = itertools.count(1)
         self._watches: dict[int, _TokenWatch] = {}
-        # By how many sources each token is declared; and those whose end was told nevertheless.
+        # By how many sources each token is declared; and tokens whose end was told nevertheless.
         self._count: Counter[str] = Counter()
         self._lost: set[str] = set()
 
@@ -277,7 +277,7 @@ class Tokens:
             self._report(watch, key, kind, source)
 
     def watch(self, full: str, handler: Handler, *, history: bool) -> Undeclarable:
-        """Report tokens as they come and end; with `history` those that are there first."""
+        """Report tokens as they come and end; with `history` present ones first."""
         number = next(self._numbers)
         watch = self._watches[number] = _TokenWatch(full, handler)
         if history:

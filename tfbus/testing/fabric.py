@@ -1,7 +1,7 @@
-"""The sessions of a simulated network and the links between them: who meets, and who is lost.
+"""The sessions of a simulated network and the links between them: how they meet and part.
 
 A link ends when an end has heard nothing for the lease, or as soon as it learns that the other end
-is closed. This is what `zenoh_library.simulated()` gives to the bus.
+is closed. The bus gets it from `zenoh_library.simulated()`.
 """
 
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ class Faults:
     - `lost_declarations`: a declaration of a queryable never arrives, at most one of each link
       (eclipse-zenoh/zenoh#2516).
     - `half_links`: of two that have lost each other, one links again before the other has noticed,
-      and learns nothing of what that one has declared (eclipse-zenoh/zenoh#2806). It lasts for the
+      and learns nothing of that one's declarations (eclipse-zenoh/zenoh#2806). It lasts for the
       lease, after which tfbus ends such a link (docs/internals/zenoh.md).
     - `late_tokens`: the news of a token comes up to a second late, after messages of its publisher,
       as was seen of hosts that are plugged in again.
@@ -114,7 +114,7 @@ class Fabric:
         return session
 
     def scout(self, handler: Any, what: str) -> Scout:
-        """Ask who is there, as `zenoh.scout`: those answer to which multicast gets."""
+        """Ask who is there, as `zenoh.scout`: sessions answer if multicast gets to them."""
         scout = Scout(self.tasks.current.place, Handler(handler))  # type: ignore[arg-type]
         for session in self._sessions:
             paths = self._paths.both_ways(scout.process.host, session.process.host)
@@ -278,7 +278,7 @@ class Fabric:
                 face.session.greet(face)
         self._meeting.note_link(one, other)
         for session in (one, other):
-            # Each may be introduced now to those that the other knows.
+            # Each may be introduced now to the sessions that the other knows.
             self._meet_others(session, _MEETS_WITHIN_S)
 
     def _take_over(self, face: Face) -> bool:
@@ -303,7 +303,7 @@ class Fabric:
     # Who is lost
 
     def _close(self, face: Face) -> None:
-        """This end of a link is closed; what was sent before still arrives."""
+        """This end of a link is closed; earlier messages still arrive."""
         if face.is_open:
             face.is_open = False
             self._unaware.discard(face)

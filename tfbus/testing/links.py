@@ -153,7 +153,7 @@ class LinkLane:
             self._launch(number, packet, pause_s)
 
     def _send_next(self) -> None:
-        """Send the first of those that wait, unless another one is leaving."""
+        """Send the first waiting packet, unless another one is leaving."""
         if self._is_sending or not self._waiting:
             return
         packet = heapq.heappop(self._waiting)
@@ -306,14 +306,15 @@ class Meeting:
     """Says how two sessions find each other, on the paths of a network.
 
     A peer links to all peers and routers that it finds, a client to one router at a time, a router
-    to those that `connect` names. A peer finds others by multicast, or introduced by a session that
+    to the endpoints in `connect`. A peer finds others by multicast, or introduced by a session that
     both have a link to; each introduces two others once. Links to clients of peers are not
     simulated.
     """
 
     def __init__(self, paths: "Paths") -> None:
         self._paths = paths
-        # The number of the last connection of two: whom both knew before introduces them no more.
+        # The number of the last connection of two: a session that both knew before introduces them
+        # no more.
         self._met: dict[tuple[object, object], int] = {}
 
     def protocol(self, one: "ZenohSession", other: "ZenohSession") -> str:

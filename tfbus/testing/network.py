@@ -1,4 +1,4 @@
-"""A simulated network: hosts, the paths between them, what runs there, and what goes wrong.
+"""A simulated network: hosts, the paths between them, their processes, and the faults.
 
 The real code runs on it, in virtual time, one task at a time. The same seed gives the same run.
 """
@@ -245,9 +245,9 @@ class Network:
 
         Each packet takes `delay_s`, and up to `jitter_s` more; the share `loss` of all packets is
         lost, and the share `reordering` takes twice as long. On links of TCP, which tfbus uses
-        unless an endpoint says `udp`, both only delay those behind; on links of UDP a lost packet
+        unless an endpoint says `udp`, both only delay later ones; on links of UDP a lost packet
         is lost, and so is one that another overtakes. More than `bytes_a_second` (0: no bound)
-        waits, and is dropped where too much does. Without `multicast` peers meet only at the
+        waits, and is dropped if too much does. Without `multicast` peers meet only at the
         endpoints of `connect`, or introduced by others. Shares are below 1: `cut` lets nothing
         pass.
         """
@@ -376,7 +376,7 @@ class Network:
 
 
 def _check_plain(what: str, function: object) -> None:
-    """Refuse a coroutine function, whose call would do nothing, and what cannot be called."""
+    """Refuse a coroutine function, whose call would do nothing, and objects that are no function."""
     if not callable(function) or inspect.iscoroutinefunction(function):
         raise SimulationError(
             f"{what} must be a function without `async`, and not called yet, not {function!r}: of "

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
-    """The owner and name of each function that is refused, and what refuses it."""
+    """The owner and name of each function that is refused, and the function that refuses it."""
     yield socket.socket, "__init__", _socket
     yield subprocess.Popen, "__init__", _program
     yield BaseProcess, "start", _fork
@@ -127,7 +127,7 @@ _session = _refusing(
 @contextmanager
 def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
     """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
-    refused; `names` are those of the scheduler.
+    refused; `names` are the scheduler's.
     """
     pairs: list[tuple[Any, Any]] = []
     with ExitStack() as stack:

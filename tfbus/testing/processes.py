@@ -76,12 +76,12 @@ class Process:
         self.is_dead = False
         self.parked: list[Task] = []
         self.sessions: list[ZenohSession] = []
-        # What has arrived while it was stopped.
+        # The messages that have arrived while it was stopped.
         self._arrived: list[Callable[[], object]] = []
         self.main: Task | None = None
-        # Starts it anew, where it has a main function.
+        # Starts it anew, if it has a main function.
         self.begin: Callable[[], Process] | None = None
-        # What it runs, where that is a program with arguments and output of its own.
+        # Its program, if that has arguments and output of its own.
         self.program: Program | None = None
         # Otherwise the `sys.argv` of a main function, without pytest's arguments.
         self.argv: list[str] = []
@@ -101,7 +101,7 @@ class Process:
         return found
 
     def enter(self) -> None:
-        """A task of its own has the turn: what Python has once is that of this process."""
+        """A task of its own has the turn: arguments and the like, which Python has once, are its."""
         if self.program is not None:
             self.program.enter()
         elif self.argv:
@@ -135,7 +135,7 @@ class Process:
         self._at_exit = [each for each in self._at_exit if each[0] != call]
 
     def call_at_exit(self) -> None:
-        """Call what is registered, the last first."""
+        """Call the registered functions, the last first."""
         while self._at_exit:
             _, call = self._at_exit.pop()
             try:
@@ -144,7 +144,7 @@ class Process:
                 traceback.print_exc()
 
     def receive(self, call: Callable[[], object]) -> None:
-        """Do what the network brings, now or as soon as the process goes on."""
+        """Call a callback of the network, now or as soon as the process goes on."""
         if self.is_stopped:
             self._arrived.append(call)
         elif not self.is_dead:
@@ -183,7 +183,7 @@ _IGNORED = {
 
 
 class ProcessTable:
-    """All hosts and processes, and what a kernel does for them."""
+    """All hosts and processes, and a kernel's work for them."""
 
     def __init__(self, tasks: Tasks, fabric: "Fabric") -> None:
         self.tasks = tasks
@@ -191,7 +191,7 @@ class ProcessTable:
         self.hosts: dict[str, Host] = {}
         self._pids = 1000
 
-    # Who is there
+    # Hosts and processes
 
     def host(self, name: str) -> Host:
         """The host of this name. Raises SimulationError if there is none."""

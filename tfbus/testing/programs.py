@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from tfbus.testing.network import Network
     from tfbus.testing.processes import Process, ProcessTable
 
-# How often what a program prints is looked at.
+# How often the output of a program is looked at.
 _LOOK_EVERY_S = 0.01
 
 
@@ -44,7 +44,7 @@ class Program:
         self._out = _WrittenOutput(is_terminal)
         self._err = self._out if is_terminal or is_merged else _WrittenOutput(is_terminal)
         encoding = env.get("PYTHONIOENCODING", "utf-8")
-        # What Python has once: stdin, stdout, stderr, the arguments, the environment, `__main__`.
+        # Python has these once: stdin, stdout, stderr, arguments, environment, `__main__`.
         self._own: tuple[Any, ...] = (
             io.TextIOWrapper(_TypedInput(stdin.encode(), is_terminal), "utf-8"),
             io.TextIOWrapper(self._out, encoding, newline="\n", write_through=True),
@@ -95,7 +95,7 @@ class Program:
         sought = re.compile(pattern)
 
         def is_there() -> bool:
-            # In this order: what it printed at its end counts.
+            # In this order: lines printed at its end count.
             has_ended = self.exit_code is not None
             found[:] = [line for line in (*self.out, *self.err) if sought.search(line)][:1]
             if has_ended and not found:
@@ -156,12 +156,12 @@ class Program:
         self.process.exit_code = code
 
     def enter(self) -> None:
-        """From here on Python's own are those of this program."""
+        """From here on Python's own files, arguments and environment are this program's."""
         self._of_others, own = _of_python(), self._own
         _set_of_python(*own)
 
     def leave(self) -> None:
-        """Python's own are those of others again."""
+        """Python's own files, arguments and environment are others' again."""
         self._own = _of_python()
         _set_of_python(*self._of_others)
 

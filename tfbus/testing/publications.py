@@ -58,7 +58,7 @@ class Publications:
         self._session = session
         self._numbers = itertools.count(1)
         self._subscribers: dict[int, _Subscriber] = {}
-        # Those that a key meets, until one comes or goes.
+        # The subscribers that a key meets, until one comes or goes.
         self._met: dict[str, list[_Subscriber]] = {}
 
     def subscribe(self, full: str, handler: Handler, *, is_remote_only: bool) -> Undeclarable:
@@ -161,7 +161,7 @@ class _MatchingWatch:
         self._former = session.declarations.has(kind, full)
 
     def is_of(self, kind: str, key: str) -> bool:
-        """Whether a declaration of this kind and key may change what it reports."""
+        """Whether a declaration of this kind and key may change its answer."""
         return kind == self._kind and intersect(key, self._full)
 
     def report_changes(self) -> None:
@@ -187,7 +187,7 @@ class Matchings:
         return Undeclarable(self._session, lambda: self._watches.pop(number, None))
 
     def report_changes(self, kind: str, key: str) -> None:
-        """A declaration has come or ended: report what it changes."""
+        """A declaration has come or ended: report the changes."""
         for watch in list(self._watches.values()):
             if watch.is_of(kind, key):
                 watch.report_changes()
@@ -241,7 +241,7 @@ _QUERY_S = 10.0
 
 
 class AdvancedPublisher(Publisher):
-    """A publisher with a cache and a heartbeat: it keeps its last samples, numbers what it sends,
+    """A publisher with a cache and a heartbeat: it keeps its last samples, numbers its messages,
     and says half a second after a message which number was the last.
     """
 
@@ -300,7 +300,7 @@ class AdvancedPublisher(Publisher):
 
 
 class AdvancedSubscriber(Undeclarable):
-    """A subscriber that asks for what publishers keep, and for what it has missed."""
+    """A subscriber that asks publishers for their kept messages, and for missed ones."""
 
     def __init__(
         self, session: ZenohSession, key: str, handler: Any, allowed_origin: Any, history: Any

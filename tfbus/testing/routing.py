@@ -1,9 +1,9 @@
 """The ways of messages and declarations: peers and clients pass nothing on, routers do.
 
-As in Zenoh each router tells all others its links, its peers and what is declared at it. A message
+As in Zenoh each router tells all others its links, its peers and its declarations. A message
 goes along the tree of shortest ways from the router that it came to first. If several routers
 have a link to a peer, one of them passes on between it and further routers. Each passes on between
-it and its own clients; these get what the peer sends a second time by the tree, unless their router
+it and its own clients; these get the peer's messages a second time by the tree, unless their router
 is that one (eclipse-zenoh/zenoh#409). No router passes anything between two peers, also if these
 have no link to each other (eclipse-zenoh/zenoh#498).
 """
@@ -47,7 +47,7 @@ class Direct:
                 face.tell(kind, key, change)
 
     def sources(self) -> Iterator[tuple[object, dict[str, Keys]]]:
-        """All sources of declarations, and what is declared there."""
+        """All sources of declarations, and the keys declared there."""
         own = self._session.declarations.own
         yield self._session, {kind: Keys(keys) for kind, keys in own.items()}
         for face in self._session.faces.values():
@@ -118,7 +118,7 @@ class Router(Direct):
         super().__init__(session)
         self._own = RoutingTable(session.zid_text)
         self._tables: dict[str, RoutingTable] = {}
-        # Those of other routers that a way leads to.
+        # The other routers that a way leads to.
         self._reached: set[str] = set()
         # How often each key is declared here, by the session itself, its clients and peers.
         self._count: dict[tuple[str, str], int] = {}
@@ -140,7 +140,7 @@ class Router(Direct):
                 self._publish(kind, key, is_new=bool(now))
 
     def sources(self) -> Iterator[tuple[object, dict[str, Keys]]]:
-        """All sources of declarations, and what is declared there."""
+        """All sources of declarations, and the keys declared there."""
         yield from super().sources()
         for zid in sorted(self._reached):
             yield self._tables[zid], self._tables[zid].declared
@@ -269,7 +269,7 @@ class Router(Direct):
                 self._session.declarations.spread(table, kind, key, change)
 
     def _neighbours(self, zid: str) -> list[str]:
-        """The routers that have a link to one, by what both of them say."""
+        """The routers that have a link to one, by the tables of both."""
         table = self._own if zid == self._own.zid else self._tables[zid]
         return [
             other
@@ -319,7 +319,7 @@ class Router(Direct):
 
     def _is_from(self, root: str, face: "Face") -> bool:
         """Whether a message that came to the router `root` first reaches the peer at a face from
-        here: each router passes on what came to it first, and one of them all else.
+        here: each router passes on messages that came to it first, and one of them all else.
         """
         if root == self._own.zid:
             return True

@@ -37,7 +37,9 @@ _start_new_thread = _thread.start_new_thread
 
 
 class SimulationError(TfbusError):
-    """The simulation cannot go on: all tasks wait for ever, or one does what it cannot simulate."""
+    """The simulation cannot go on: all tasks wait for ever, or a task makes a call that cannot be
+    simulated.
+    """
 
 
 class SimulationOver(BaseException):
@@ -53,7 +55,7 @@ class TaskPlace(Protocol):
     parked: "list[Task]"
 
     def enter(self) -> None:
-        """One of its tasks has the turn now, after one of another place."""
+        """A task of it has the turn now, after one of another place."""
 
     def leave(self) -> None:
         """A task of another place has the turn next."""
@@ -69,13 +71,13 @@ class Task:
         self.turn.acquire()
         self.is_over = False
         self.thread_id = 0
-        # What it waits for, "" while it can run; and whether the wait has ended in time.
+        # The thing that it waits for, "" while it can run; and whether the wait has ended in time.
         self.waits_for = ""
         self.was_woken = False
         # Counts the waits, so that an alarm of an earlier one wakes nothing.
         self.wait_number = 0
         self.joiners: list[Task] = []
-        # Signals: what is called in it at its next turn, and whether it gets that turn for them.
+        # Signals: the calls in it at its next turn, and whether it gets that turn for them.
         self.interrupts: list[Callable[[], object]] = []
         self.is_called = False
         # The object that stands for this thread, as `current_thread()` gives it.
@@ -100,7 +102,7 @@ class Tasks:
         # The chance of a task at each step to get no processor, and for how many seconds at most.
         self.stalls = (0.0, 0.0)
         self._interleaving = interleaving
-        # How many steps of all tasks come before the next rest, and how many those were at first.
+        # How many steps of all tasks come before the next rest, and how many there were at first.
         self.steps_left = self._steps = 0
         self._turns_at_once = 0
         self._rests_alone = 0
@@ -116,7 +118,7 @@ class Tasks:
         self.all[self.main] = None
         self._draw_steps()
 
-    # What tasks do
+    # Calls of tasks
 
     def start(self, name: str, place: TaskPlace, run: Callable[[], object]) -> Task:
         """Start a task; it has its first turn later."""
@@ -133,7 +135,7 @@ class Tasks:
             except SimulationOver:
                 pass
             except BaseException as error:
-                # At the end tasks are torn out of their waits, and what they raise says nothing.
+                # At the end tasks are torn out of their waits, and their errors say nothing.
                 if not self.is_over:
                     self.failure = self.failure or error
                     sys.excepthook(type(error), error, error.__traceback__)
@@ -235,7 +237,7 @@ class Tasks:
 
     def interrupt(self, task: Task, call: Callable[[], object]) -> None:
         """Make a call in a task at its next turn, also in the midst of a wait, which goes on after
-        it; what the call raises is raised there.
+        it; an exception of the call is raised there.
         """
         task.interrupts.append(call)
         if task.waits_for and not task.is_called:
@@ -408,7 +410,7 @@ class Tasks:
         threading._active.pop(task.thread_id, None)  # type: ignore[attr-defined]
 
     def end(self) -> None:
-        """End all tasks, on the main one; what they still do has no effect."""
+        """End all tasks, on the main one; their further calls have no effect."""
         self.is_over = True
         self._ended.acquire(blocking=False)
         self.all.pop(self.main, None)

@@ -147,7 +147,7 @@ class ZenohSession:
         self.names = SessionNames(namespace)
         # The links of the session, by the session at the far end of each.
         self.faces: dict[ZenohSession, Face] = {}
-        # Those that it meets soon.
+        # The sessions that it meets soon.
         self.looks_for: set[ZenohSession] = set()
         self.callers = Callers(self.tasks, process, "zenoh")
         self.declarations = Declarations(self)
@@ -167,7 +167,7 @@ class ZenohSession:
         return self._is_closed
 
     def check_open(self) -> None:
-        """Raise Zenoh's error if the session is closed, end what belongs to a dead process."""
+        """Raise Zenoh's error if the session is closed, and SimulationOver in an ending task."""
         if self.tasks.is_over and self.tasks.current is not self.tasks.main:
             raise SimulationOver
         if self._is_closed:
@@ -268,7 +268,7 @@ class ZenohSession:
         self.info.report(face.far_session, is_open=True)
 
     def part(self, face: Face) -> None:
-        """A face has ended: what its far end had declared ends, and so do queries."""
+        """A face has ended: the declarations of its far end do, and so do queries."""
         if self.faces.get(face.far_session) is face:
             del self.faces[face.far_session]
         self.declarations.end_of(face)

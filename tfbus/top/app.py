@@ -208,7 +208,7 @@ class TopApp(App[None]):
         self.set_focus(self._table_of(name))
 
     def action_help(self) -> None:
-        """Show what the keys and columns mean."""
+        """Show the meaning of keys and columns."""
         if not isinstance(self.screen, HelpScreen):
             self.push_screen(HelpScreen())
 

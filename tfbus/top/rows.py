@@ -21,8 +21,8 @@ from tfbus.wire.descriptions import NodeDescription
 
 _SERVICE = "service"
 
-# The characters of a column beside its text, and of the mark of the order in a heading; and those
-# that are to be free before a column comes back.
+# The characters of a column beside its text, and of the mark of the order in a heading; and the
+# free ones that a column needs to come back.
 _BESIDE, _MARK, _SPARE = 2, 2, 4
 
 # Longer texts would push all other columns off the screen.
@@ -166,7 +166,7 @@ def topics_table(
 ) -> ScreenTable:
     """Each topic and service: its type, its rate if it is measured, and the nodes on both sides.
 
-    `rates_hz` are those of topics by name.
+    `rates_hz` are by topic.
     """
     rows = []
     for topic in topics.values():
@@ -277,7 +277,7 @@ class TopSource:
     def tables(self) -> dict[str, ScreenTable]:
         """The tables by name, as they are now."""
         report = self._report = make_report(self._heard, self._meter, None)
-        # Before the first answers there would be those of transforms alone.
+        # Before the first answers there would be topics of transforms alone.
         topics = report.moment.topics if report.moment.nodes else {}
         self._remember(report)
         return {
@@ -298,7 +298,7 @@ class TopSource:
             self._measured[topic] = _Rate(self._heard.node, topic)
 
     def _rates_hz(self, report: Report) -> dict[str, float]:
-        """The rates of topics by name: those measured, and those of dynamic transforms."""
+        """The rates by topic: of measured topics, and of dynamic transforms."""
         streams = {
             name: report.meter.stream(name.partition("tf/")[2]).messages_hz
             for name in report.moment.topics

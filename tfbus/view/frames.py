@@ -168,7 +168,7 @@ class Placed:
         return Placed(kept, self.xyz[rows], self.quat_wxyz[rows], self.missing)
 
     def moved(self, fixed: Transform) -> "Placed":
-        """The same where the fixed frame has this pose."""
+        """The same places if the fixed frame has this pose."""
         if fixed == _HERE or not self.names:
             return self
         moved = fixed @ TransformArray(self.xyz, self.quat_wxyz[:, (1, 2, 3, 0)])

@@ -387,7 +387,7 @@ class RecordedData:
             self._reader.close()
 
     def catch_up(self, now_s: float) -> float:
-        """Read on to the cursor, or begin anew where it has jumped; its log time in s."""
+        """Read on to the cursor, or begin anew if it has jumped; its log time in s."""
         cursor, wanted = self._replay.cursor, self._wanted
         is_jump = cursor.jumps != self._cursor.jumps or cursor.at_ns < self._cursor.at_ns
         before, self._cursor = self._cursor, cursor

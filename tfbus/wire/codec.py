@@ -753,8 +753,8 @@ def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
 
 
 def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a message with the header of ROS. Raises KeyError where one of ours is missing,
-    TypeError for a stamp that is no integer, and where there is a header.
+    """The fields of a message with the header of ROS. Raises KeyError if one of ours is missing,
+    TypeError for a stamp that is no integer, and if there is a header.
     """
     if HEADER in values:
         raise TypeError("it has a header beside stamp_ns")
@@ -768,7 +768,7 @@ def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a message of ROS as ours. Raises KeyError and TypeError where its header has
+    """The fields of a message of ROS as ours. Raises KeyError and TypeError if its header has
     other fields than ROS's own.
     """
     header = values[HEADER]
@@ -818,7 +818,7 @@ def renewed(
     former: Mapping[str, str | tuple[str, ...]],
     fields: Mapping[str, object],
 ) -> Mapping[str, Any]:
-    """The values of a message under today's names of its `fields`, where it has `former` ones;
+    """The values of a message under today's names of its `fields`, if it has `former` ones;
     otherwise the same. Of a former name there is the path of today; of a list, that of each item.
     """
     if not any(name in former and name not in fields for name in values):

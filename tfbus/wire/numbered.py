@@ -93,7 +93,7 @@ class NumberedRows:
         self.unnamed = unnamed
 
     def columns(self, stamps: bytes, forms: bytes, poses: bytes) -> Columns | None:
-        """The rows that are known, or None where the bytes are not as many as it takes. One stamp
+        """The rows that are known, or None if the bytes are not as many as it takes. One stamp
         is that of all rows, and one form that of all poses.
         """
         count = self.count
@@ -242,7 +242,7 @@ def pack_poses(poses: bytes, count: int, origins: bytes, is_short: bool) -> tupl
 def unpack_poses(
     forms: bytes, data: bytes, origins: bytes, count: int, known: list[int] | None = None
 ) -> bytes | None:
-    """The poses that `pack_poses` has packed; None where the bytes are not as many as the forms
+    """The poses that `pack_poses` has packed; None if the bytes are not as many as the forms
     say, or a form is unknown. Only the poses at the `known` places of `count`, if it is not None,
     each with its origin.
 

@@ -92,7 +92,7 @@ class Turtles:
     # Requests
 
     def press(self, turtle: str, key: str) -> None:
-        """Do what the teleop does for this key; ignores other keys."""
+        """Follow a key as the teleop does; ignores unknown ones."""
         driver = self._driver(turtle)
         if driver is None:
             self.reply = f"no turtle {turtle!r}"

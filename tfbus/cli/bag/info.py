@@ -285,7 +285,7 @@ def _rate(flow: Flow) -> str:
 
 
 def _gap(flow: Flow, summary: Summary) -> str:
-    """The longest time without a message and, where it is a gap, its begin: `2.3 s at +31.2s`."""
+    """The longest time without a message and, if it is a gap, its begin: `2.3 s at +31.2s`."""
     if flow.longest_gap_s is None or flow.gap_from_ns is None:
         return "-"
     if flow.period_s is None or flow.longest_gap_s <= least_gap_s(flow.period_s):

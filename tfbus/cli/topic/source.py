@@ -214,7 +214,7 @@ def reader_of(type_name: str) -> Reader:
 
 
 def _reader_of_ros(type_name: str) -> Reader:
-    """Reads messages of a type of ROS, with arrays where its definition has them."""
+    """Reads messages of a type of ROS, with arrays if its definition has them."""
     try:
         message = message_named(type_name)
     except DecodeError:

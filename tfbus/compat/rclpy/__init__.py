@@ -55,7 +55,7 @@ _INSTEAD = {
 Parameter = parameter.Parameter
 get_default_context = context.current
 
-if not TYPE_CHECKING:  # type checkers find what is missing themselves
+if not TYPE_CHECKING:  # type checkers find missing names themselves
     __getattr__ = missing_names(__name__, _INSTEAD, "node.tfbus_node is a tfbus.Node")
 
 

@@ -1,4 +1,4 @@
-"""ROS's rclpy.parameter, and the parameters of a node over those of a node of tfbus."""
+"""ROS's rclpy.parameter, and the parameters of a node of rclpy over tfbus's."""
 
 import threading
 from collections.abc import Callable, Iterable

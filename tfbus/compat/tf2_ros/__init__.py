@@ -65,5 +65,5 @@ _INSTEAD = {
 }
 
 
-if not TYPE_CHECKING:  # type checkers find what is missing themselves
+if not TYPE_CHECKING:  # type checkers find missing names themselves
     __getattr__ = missing_names(__name__, _INSTEAD, "tfbus.Buffer and tfbus.Node may have it")

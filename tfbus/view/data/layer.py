@@ -1,4 +1,4 @@
-"""The messages of one topic as they are drawn: which, where, and for how long."""
+"""The messages of one topic as they are drawn: their choice, place and time."""
 
 import io
 import math

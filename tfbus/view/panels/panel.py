@@ -180,7 +180,7 @@ class Panel:
         self._display.refresh(frames)
 
     def follow_player(self) -> None:
-        """Show where a recording is shown, if browsers cannot foresee that."""
+        """Show the time of a recording, if browsers cannot foresee that."""
         if self._player:
             self._player.refresh()
 

@@ -403,7 +403,7 @@ class RobotScenes:
     # Drawing
 
     def look(self, settings: ViewSettings) -> bool:
-        """Add robots that have come, and remove those that have left; whether there were any."""
+        """Add robots that have come, and remove gone ones; whether there were any."""
         found = self.source.robots()
         is_new = list(found) != list(self.by_robot)
         if is_new:

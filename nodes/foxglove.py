@@ -32,7 +32,7 @@ from tfbus.foxglove import Serving
 
 
 class _Robots(TypedDict):
-    """Which robots are shown, and where their meshes are."""
+    """The robots that are shown, and the places of their meshes."""
 
     robot: Robot | None
     package_path: Sequence[Path]

@@ -472,7 +472,7 @@ def _without_ros_parameters(settings: NodeSettings) -> tuple[NodeSettings, list[
 
 
 def _mistake_in(rests: Mapping[str, float], robot: Robot) -> str:
-    """Which position of rest is of no free joint of the robot, "" if all are."""
+    """The mistake of a position of rest that is of no free joint of the robot, "" for none."""
     known = [joint.name for joint in robot.free_joints]
     for name in rests:
         if name not in known:

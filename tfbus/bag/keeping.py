@@ -86,7 +86,7 @@ def _free_in(folder: Path, stem: str) -> Path:
 
 
 def is_folder(given: str) -> bool:
-    """Whether a path that is given for a recording is that of a folder, there or not."""
+    """Whether a path that is given for a recording names a folder, there or not."""
     return given.endswith(os.sep) or Path(given).is_dir()
 
 
@@ -340,7 +340,7 @@ class MissedMessages:
             self._add(source, item, item.seq)
 
     def fill(self, source: MessageSource, item: Item) -> None:
-        """A message of before has come after all, from who has kept it."""
+        """A message of before has come after all, from another recorder."""
         if not isinstance(item, TransformItem) or item.seq is None or item.static:
             return
         epoch_ns, expected, _ = self._next.get(source, (None, 0, 0))

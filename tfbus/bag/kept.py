@@ -203,8 +203,8 @@ def _was_sent(item: Item) -> bool:
 def message_of(item: Item) -> KeptMessage:
     """An item as it was sent on the bus, at its full key: as a session without a namespace has it.
 
-    That a stream or node is there, or gone, is at `@tfbus/stream/` or `@tfbus/node/` and its full
-    name, escaped: its description, or nothing.
+    An event of a stream or node is at `@tfbus/stream/` or `@tfbus/node/` and the full name,
+    escaped: its description, or nothing.
     """
     if isinstance(item, TransformItem):
         stream = item.stream

@@ -115,7 +115,7 @@ _MOST_TABLES = 1000
 
 
 class ReplayedStream:
-    """Publishes one recorded stream; `key` is that of its token, as of `wire.keys.stream_key`.
+    """Publishes one recorded stream; `key` is its token's, as of `wire.keys.stream_key`.
 
     If it `is_described`, descriptions come by `describe`, and `description` only says how it
     sends: split or not, and for how long it keeps messages. Otherwise `description` is sent with

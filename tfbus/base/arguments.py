@@ -113,7 +113,7 @@ def _fit(function: Callable[..., Any], args: tuple[Any, ...], named: dict[str, A
 
 
 class SourceSignature:
-    """As `__signature__` of a class: that of the `__init__` in the .py file beside the module.
+    """The `__signature__` of a class, from the `__init__` in the .py file beside the module.
 
     Read when `help` or an IDE asks. A subclass with another `__init__` has its own.
     """
@@ -146,7 +146,7 @@ def _init_of(source: Path, name: str) -> ast.arguments:
 
 
 def _signature(arguments: ast.arguments, names: dict[str, Any]) -> "inspect.Signature":
-    """That of a function with these arguments, without `self`."""
+    """The signature of a function with these arguments, without `self`."""
     import inspect
 
     def parameter(argument: ast.arg, kind: Any, default: ast.expr | None) -> inspect.Parameter:

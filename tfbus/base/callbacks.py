@@ -77,7 +77,7 @@ class Workers:
 
 
 class AllAtOnce:
-    """Which tasks of a group may run now: all of them.
+    """The tasks of a group that may run now: all of them.
 
     Each `enter` that returns a task, and each `leave` that does, is followed by a `leave` when that
     task has run. Safe from any thread, and from a signal handler in the middle of a call.

@@ -161,7 +161,7 @@ class Alarm:
 
 
 class SimulatedClock(Clock):
-    """A clock whose time is that of the last `set`.
+    """A clock whose time is from the last `set`.
 
     Before the first `set`, `now_ns()` is 0 and waits by this clock do not end. A jump forward is
     time that has passed. A jump back takes no time: waits have as much left as before. Safe from

@@ -139,8 +139,8 @@ class LookupException(TransformException, LookupError):
 
     @property
     def _beside(self) -> list[str]:
-        """The known names in the namespace of the unknown one: that of another robot would answer
-        another question.
+        """The known names in the namespace of the unknown one: another robot's would answer another
+        question.
         """
         namespace = self.frame.rpartition("/")[0]
         return [name for name in self.known or () if name.rpartition("/")[0] == namespace]

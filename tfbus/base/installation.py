@@ -107,7 +107,7 @@ def install_command(extra: str, clone: Path = Path(__file__).parents[2]) -> str:
     """The command line that installs an extra: `pip install 'tfbus[bag]'`.
 
     pip needs no index for tfbus itself if it is installed, from a wheel or editable. If `pip` on
-    PATH is not that of this Python, it begins with this Python. Sources that are not installed are
+    PATH is not this Python's, it begins with this Python. Sources that are not installed are
     named by their folder.
     """
     from importlib import metadata

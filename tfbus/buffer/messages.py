@@ -65,7 +65,7 @@ _DELETIONS = (messages.Marker.DELETE, messages.Marker.DELETEALL)
 
 def moved_by(message: M, transform: TransformStamped) -> M:
     """The message, moved by a transform from its frame; a scan becomes a PointCloud. The stamp
-    stays, or is that of the transform if it is 0.
+    stays, or is the transform's if it is 0.
     """
     stamp_ns = message.stamp_ns or transform.stamp_ns  # type: ignore[attr-defined]
     header = {"stamp_ns": stamp_ns, "frame_id": transform.frame_id}
@@ -126,7 +126,7 @@ def _each_once(stamps: Stamps) -> tuple[Stamps, NDArray[np.intp] | None]:
 
 
 def _cloud_of(message: messages.PointCloud | messages.LaserScan) -> messages.PointCloud:
-    """The cloud, or that of a scan: the ranges without a measurement are NaN."""
+    """The cloud, or a scan's: the ranges without a measurement are NaN."""
     if isinstance(message, messages.PointCloud):
         return message
     columns = {"intensity": message.intensities} if len(message.intensities) else {}
@@ -209,7 +209,7 @@ def _vector(vector: messages.Vector3, motion: Transform) -> messages.Vector3:
 def _covariance(covariance: tuple[float, ...], motion: Transform) -> tuple[float, ...]:
     """The covariance of a vector (3 by 3), or of a pose (6 by 6), about the axes of the target.
 
-    That of a pose is of x, y, z and of rotations about fixed axes through the body, as in ROS: its
+    A pose's is of x, y, z and of rotations about fixed axes through the body, as in ROS: its
     adjoint turns both, and the distance of the frames couples nothing. All 0 and a first -1 stand
     for a covariance that is not known, and stay.
     """

@@ -1,4 +1,4 @@
-"""The state of a buffer behind one lock, and who is notified when it changes.
+"""The state of a buffer behind one lock, and its waiters and listeners.
 
 A lookup that waits is woken when the edges of its path have samples up to its time, or none that
 old any longer, or when a frame of the path gets another parent. So thousands of waiters cost an

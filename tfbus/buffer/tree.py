@@ -247,7 +247,7 @@ class Tree:
         """The frame and its ancestors at that time, each with the pose of the frame before in it,
         and how far the poses so far were extrapolated, in nanoseconds.
 
-        Parents of different times may form a loop. It ends at the first frame of that: along the
+        Parents of different times may form a loop. It ends at the loop's first frame: along the
         others, two frames would have two answers.
         """
         beyond = 0

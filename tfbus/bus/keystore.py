@@ -155,7 +155,7 @@ def is_signed_by(pem: bytes, authority: bytes) -> bool:
 
 
 def is_key_of(key: bytes, pem: bytes) -> bool:
-    """Whether a private key is that of a certificate."""
+    """Whether a private key is a certificate's."""
     public = x509.load_pem_x509_certificate(pem).public_key()
     return _read_key(key).public_key() == public
 

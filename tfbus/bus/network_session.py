@@ -250,7 +250,7 @@ RETRY_S = 0.5
 
 
 class NetworkSession:
-    """A session of Zenoh's, until `close()`, the end of its `with`, or that of Python.
+    """A session of Zenoh's, until `close()`, the end of its `with`, or Python's.
 
     A subclass opens it (`_open`), says which errors end that (`_miss`), and ends its own threads
     and watches (`_end`). All callbacks come on threads of Zenoh's; the first exception of each is

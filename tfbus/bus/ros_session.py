@@ -1,4 +1,4 @@
-"""A session in ROS's own Zenoh network, beside that of the bus: no namespace, other keys, and the
+"""A session in ROS's own Zenoh network, beside the bus's: no namespace, other keys, and the
 configuration of ROS itself, or of a client.
 """
 

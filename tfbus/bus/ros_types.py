@@ -19,7 +19,7 @@ _MOST_TYPES = 10_000
 
 class RosTypes:
     """Codecs of the ROS types that nodes publish: by the definition that the node gives, else by
-    that of the standard type of this name. Not thread-safe.
+    the standard type's of this name. Not thread-safe.
     """
 
     def __init__(self, session: Session) -> None:

@@ -44,7 +44,7 @@ def command(settings: NodeSettings) -> None:
 
 
 def _log_links(session: Session, log: logging.Logger) -> None:
-    """Log who comes and goes: the nodes of the bus by name, and the linked routers by id."""
+    """Log arrivals and departures: of the nodes of the bus by name, of linked routers by id."""
     # A node on a bad link comes and goes; the lines about it count the times.
     once = LogOnce(log, again_s=_SAY_AGAIN_AFTER_S)
 

@@ -206,8 +206,8 @@ def _is_system(system: bool, is_user: bool) -> bool:
 
 
 def _check_user(user: str, *, is_for_here: bool) -> None:
-    """Refuse a user that this machine has not got, with whom systemd would start nothing; only warn
-    of it if the unit may be for another machine, or an image.
+    """Refuse a user that this machine has not got: systemd would start nothing. Only warn of it if
+    the unit may be for another machine, or an image.
     """
     import pwd  # Windows has none
 

@@ -224,7 +224,7 @@ _MOST_CUT_SHORT = 3
 
 
 def _cut_short(reader: "RecordingReader") -> "Iterator[str]":
-    """Which files are cut short, and where each ends."""
+    """The files that are cut short, and where each ends."""
     files = [part for part in reader.parts if not part.is_complete]
     of_many = len(reader.parts) > 1
     for part in files[:_MOST_CUT_SHORT]:

@@ -53,7 +53,7 @@ class ServerOptions:
     def public(self, settings: NodeSettings) -> Public | None:
         """The token and the certificate; None without --public.
 
-        The certificate is that of the options, or of the identity, or a new one. Raises
+        The certificate is from the options, the identity's, or a new one. Raises
         SettingsError if these cannot be used.
         """
         if not self.is_public:

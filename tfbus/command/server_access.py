@@ -128,7 +128,7 @@ Verdict = Literal["right", "wrong", "too often"]
 
 
 class AccessToken:
-    """A secret text, and who has guessed at it; for one thread.
+    """A secret text, and the addresses that have guessed at it; for one thread.
 
     Without a text it is new: 128 random bits. Raises SettingsError for a text that is too short.
     """
@@ -144,7 +144,7 @@ class AccessToken:
         self._guesses: Bounded[str, list[float]] = Bounded(_MOST_ADDRESSES)
 
     def derived(self, purpose: str) -> str:
-        """A text of 64 digits and letters a to f that only who has the token can make."""
+        """A text of 64 digits and letters a to f that only holders of the token can make."""
         return hmac.new(self.text.encode(), purpose.encode(), "sha256").hexdigest()
 
     def judge(self, given: str, address: str) -> Verdict:

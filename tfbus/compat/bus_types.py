@@ -118,9 +118,9 @@ class TransformsTopic:
 
 
 def transforms_topic(node: Node, topic: str) -> TransformsTopic | None:
-    """Which transforms a topic of TFMessage is, after remapping; None for a topic of another name.
+    """The transforms of a topic of TFMessage, after remapping; None for a topic of another name.
 
-    `/tf` is, as for a TransformListener, that of the node's namespace; `/robot7/tf` is robot7's.
+    `/tf` is, as for a TransformListener, the one of the node's namespace; `/robot7/tf` is robot7's.
     """
     resolved = node._resolve(topic)
     above, _, kind = resolved.rpartition("/")

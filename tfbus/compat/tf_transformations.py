@@ -75,7 +75,7 @@ def quaternion_about_axis(angle: float, axis: Sequence[float]) -> Any:
 
 
 def quaternion_multiply(quaternion1: Sequence[float], quaternion0: Sequence[float]) -> Any:
-    """The product: the turn of `quaternion0`, then that of `quaternion1`."""
+    """The product: the turn of `quaternion0`, then the one of `quaternion1`."""
     one, other = np.asarray(quaternion1, float), np.asarray(quaternion0, float)
     vector = one[3] * other[:3] + other[3] * one[:3] + np.cross(one[:3], other[:3])
     return np.append(vector, one[3] * other[3] - one[:3] @ other[:3])

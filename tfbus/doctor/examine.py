@@ -375,7 +375,7 @@ class RosWatch:
         self._at_router.join()
 
     def around(self, session: Session) -> RosAround:
-        """The findings so far; `session` is that of the bus."""
+        """The findings so far; `session` is the bus's."""
         for thread in (self._at_router, self._at_master):
             thread.join(_LATER_S)
         on_bus = [] if self._settings.closed else _tokens_of(session)

@@ -280,7 +280,7 @@ def _maybe_ros2(seen: Examination, where: str) -> str:
 
 
 def _brings(seen: Examination, kind: str) -> str:
-    """Which nodes are bridges to ROS already; "" for none."""
+    """A clause on the nodes that are bridges to ROS already; "" for none."""
     bridges = [printable(node.name) for node in seen.moment.nodes if kind in _kinds(node)]
     if not bridges and kind == _BRIDGED:
         in_ros = {name for names in seen.ros.nodes.values() for name in names}
@@ -289,7 +289,7 @@ def _brings(seen: Examination, kind: str) -> str:
 
 
 def _kinds(node: NodeDescription) -> set[str]:
-    """Which ROS a node may be a bridge to; it says which by its name or streams only."""
+    """The kinds of ROS that a node may be a bridge to, told only by its name or streams."""
     names = {node.name.rpartition("/")[2], *[each.partition("/")[0] for each in node.streams]}
     both = {_BRIDGED, _BRIDGED_1}
     return names & both or (both if _BRIDGE_TYPE in node.publishes.values() else set())

@@ -1,4 +1,4 @@
-"""Checks of the nodes, of the tree of frames, and of who reads it."""
+"""Checks of the nodes, of the tree of frames, and of its readers."""
 
 from collections import defaultdict
 

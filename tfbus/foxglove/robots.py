@@ -193,7 +193,7 @@ def _meshes(robot: Robot) -> Iterator[Mesh]:
 
 def _is_served(mesh: Mesh) -> bool:
     """Whether clients get a mesh from here. They would fetch one of a network's address themselves:
-    it would tell a stranger who looks, and reach hosts that only they reach.
+    it would tell a stranger that they look, and reach hosts that only they reach.
     """
     return "://" not in parts_of(mesh.name)[1]
 

@@ -59,7 +59,7 @@ def is_description(topic: str, type_name: str) -> bool:
 
 
 class ServedTopic:
-    """A topic as a channel, whose schema is that of its messages. Not thread-safe.
+    """A topic as a channel with the schema of its messages. Not thread-safe.
 
     If the type is one of tfbus.messages, or one of ROS's with this `codec`, the channel is there
     at once, otherwise from the first message on.
@@ -117,7 +117,7 @@ class ServedTopic:
         return data
 
     def _in_cdr(self, values: Mapping[str, Any]) -> bytes | None:
-        """The message in the schema of the channel, which becomes that of the message; None if
+        """The message in the schema of the channel, which becomes the message's; None if
         only JSON shows its fields.
         """
         if self._changes > _MOST_CHANGES or (self.channel is not None and not self._definition):

@@ -44,7 +44,7 @@ class BusChange:
 
     `kind` is "frame appeared", "frame removed" (no longer listed), "frame gone" (its publisher
     left), "frame stale", "frame back" (from either), "publisher changed", "node came", "node left",
-    or "conflict" or "problem" with " begun" or " ended". `name` is that of the frame or node,
+    or "conflict" or "problem" with " begun" or " ended". `name` is the frame's or node's,
     `text` a sentence, and `problem` that of a conflict or problem, with its remedy.
     """
 

@@ -151,7 +151,7 @@ class Listening:
         )
 
     def hint(self, frame: str = "") -> str:
-        """Which other namespaces have a frame, or any frame at all; "" when none does."""
+        """The other namespaces that have a frame, or any frame at all; "" when none does."""
         return self.listener.where_to_look(frame)
 
     def hint_while_empty(self) -> str:

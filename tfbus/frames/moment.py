@@ -254,7 +254,7 @@ class BusMoment:
         return unread + sum(self.rejected.values())
 
     def relative_name(self, node: str) -> str:
-        """A node's name in the namespace of the moment; that of a node elsewhere has its slash."""
+        """A node's name in the namespace of the moment; a node's elsewhere has its slash."""
         return relative_name(node, self.namespace)
 
     def since(self, before: "BusMoment") -> "BusMoment":

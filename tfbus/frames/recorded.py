@@ -348,8 +348,8 @@ class RecordedFrames:
         return stream
 
     def _described_reception(self, name: str) -> StreamReception | None:
-        """The reception of a stream whose lists of frames were recorded: only that of such a stream
-        can be right or wrong to have a frame.
+        """The reception of a stream whose lists of frames were recorded: only such a stream can be
+        right or wrong to have a frame.
         """
         stream = self._streams.get(name)
         known = stream is not None and stream.full_name in self._described
@@ -384,17 +384,17 @@ class RecordedFrames:
 
     @property
     def statics(self) -> "Statics":
-        """Which static transforms are known at a moment."""
+        """The static transforms that are known at a moment."""
         return self._statics
 
     @property
     def selection(self) -> Selection:
-        """Which items it takes."""
+        """The items that it takes."""
         return self._selection
 
     @property
     def viewpoint(self) -> Viewpoint:
-        """Which streams are seen, and how their frames are called."""
+        """The seen streams, and the names of their frames."""
         return self._view
 
     @property
@@ -583,7 +583,7 @@ class _HeardStream:
         return () if description is None else description.frames
 
     def key(self, child: str) -> DynamicReception:
-        """The reception of the key of a frame, "" for that of the whole stream."""
+        """The reception of the key of a frame, "" for the whole stream's."""
         reception = self._keys.get(child)
         if reception is None:
             reception = self._keys[child] = DynamicReception(self.reception)

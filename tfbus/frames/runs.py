@@ -1,4 +1,4 @@
-"""Which messages of a recording counted together, by the rules of a listener.
+"""The messages of a recording that counted together, by the rules of a listener.
 
 The listener is one: `RecordedFrames` goes through the index and the events, and each time
 that it drops the samples of a stream, or of a frame, other messages begin to count.

@@ -129,7 +129,7 @@ class FrameTree:
         return self.streams.get(frame.authority) or StreamInfo(frame.authority)
 
     def publishers(self, frame: FrameInfo) -> tuple[str, ...]:
-        """The living streams that list a frame, by name; without any, that of its last sample."""
+        """The living streams that list a frame, by name; without any, its last sample's."""
         if frame.name in self.conflicts:
             return tuple(sorted({stream.name for _, stream in self.claims[frame.name]}))
         if frame.name in self.claims:

@@ -1214,7 +1214,7 @@ class Path:
         return latest
 
     def follow(self, stamp_ns: int, screw: bool) -> bool:
-        """Set `pose` to that of the source in the target at a time; False if an edge has no data
+        """Set `pose` to the source's in the target at a time; False if an edge has no data
         then, or if the path may have been another one, as an edge has had several parents, or
         none, as one was interrupted.
         """

@@ -110,7 +110,7 @@ class Transform:
     @called_as("Transform.from_quat_wxyz((w, x, y, z), (x, y, z))")
     def from_quat_wxyz(quat_wxyz: ArrayLike, xyz: ArrayLike = (0, 0, 0)) -> "Transform":
         """From a quaternion (4,) with its scalar first: w, x, y, z, as Eigen's constructor, MuJoCo
-        and pytransform3d have it. The order x, y, z, w is that of `Transform(xyz, quat_xyzw)`.
+        and pytransform3d have it. The order x, y, z, w is as in `Transform(xyz, quat_xyzw)`.
         """
         w, x, y, z = _numbers(quat_wxyz, 4, "quat_wxyz")
         return Transform(xyz, (x, y, z, w))

@@ -566,7 +566,7 @@ def _ratios(ratio: ArrayLike, count: int) -> Floats:
 
 
 def _moved(quat_xyzw: Floats, xyz: ArrayLike) -> TransformArray:
-    """The rotations, each with its translation of (N, 3), or all with that of (3,)."""
+    """The rotations, each with its translation of (N, 3), or all with one of (3,)."""
     shape = (len(quat_xyzw), 3)
     translations = _finite(xyz, "xyz")
     try:

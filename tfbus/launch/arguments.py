@@ -206,7 +206,7 @@ class LaunchFields:
         return key in self._values
 
     def place_of(self, key: str) -> FilePlace:
-        """The place of a field; of a missing one, that of the whole entry."""
+        """The place of a field; of a missing one, the whole entry's."""
         return self._values[key].place if key in self._values else self.place
 
     @property

@@ -364,7 +364,7 @@ def _check_names_differ(processes: Sequence[DescribedProcess]) -> None:
 def _with_after(entry: ProcessEntry, declared: set[str]) -> DescribedProcess:
     """The process with full names in `after`.
 
-    A name is looked up in the namespace of the process, then in that of its file. A name
+    A name is looked up in the namespace of the process, then in its file's. A name
     that starts with a slash is full, and may be of a node started elsewhere.
     """
     after = []

@@ -21,7 +21,7 @@ _GROUP_POLL_S = 0.02
 
 
 class Presence(Protocol):
-    """Which nodes are on the bus."""
+    """The nodes on the bus."""
 
     def wait(self, name: str, *, timeout_s: float | None = None) -> bool:
         """Whether the node of this full name appears within `timeout_s`."""

@@ -173,7 +173,7 @@ class TwistWithCovariance:
 class Odometry:
     """The pose of a robot by its own reckoning at stamp_ns, and its velocity.
 
-    `pose` is that of `child_frame_id` in `frame_id`; `twist` is its velocity, in `child_frame_id`,
+    `pose` is of `child_frame_id` in `frame_id`; `twist` is its velocity, in `child_frame_id`,
     in m/s and rad/s.
     """
 

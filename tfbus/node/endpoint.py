@@ -26,7 +26,7 @@ class NodeEndpoint:
 
     `type_` is a message class, or its name if the endpoint handles bytes only. `retained` says
     of a publisher whether its last message also reaches subscribers that join later. `definition`
-    is that of the type in ROS, if it has one that others cannot know.
+    is the type's in ROS, if it has one that others cannot know.
     """
 
     def __init__(
@@ -87,7 +87,7 @@ MOST_CALLBACK_THREADS = 1000
 class Lane:
     """The callbacks of one group, on the threads of an executor.
 
-    `submit(what, callback, limit=None)` is that of the executor, for the group.
+    `submit(what, callback, limit=None)` is the executor's, for the group.
     """
 
     def __init__(self, executor: Executor, group: CallbackGroup | None = None) -> None:

@@ -136,7 +136,7 @@ def _event_in(event: EventItem, namespace: str) -> EventItem:
 def conflicting_epochs(readers: Sequence[RecordingReader]) -> tuple[str, ...]:
     """Streams that two recordings of the same time have in different epochs, by name.
 
-    That are two publishers, as of two robots: of one stream only the newest epoch counts.
+    They have two publishers, as of two robots: of one stream only the newest epoch counts.
     """
     found: set[str] = set()
     for at, first in enumerate(readers):

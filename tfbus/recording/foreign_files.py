@@ -196,7 +196,7 @@ _PUBLISHER, _LATCHING = "callerid", "latching"
 
 
 class BareMcap:
-    """One MCAP file. Raises DecodeError if it is none, or one of ours, and OSError.
+    """An MCAP file. Raises DecodeError if it is none, or one of ours, and OSError.
 
     With `is_packed` each message is compressed for itself, as rosbag2 may do.
     """

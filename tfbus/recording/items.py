@@ -87,9 +87,7 @@ class TopicItem:
 
     @property
     def content(self) -> object:
-        """Its type and fields in a form that has a hash, equal to that of a message with the same
-        bits.
-        """
+        """Its type and fields in a form that has a hash, equal for messages with the same bits."""
         return self.type_name, _with_hash(self.values)
 
 

@@ -271,7 +271,7 @@ Edge = tuple[str, str]
 
 @dataclass(frozen=True)
 class Index:
-    """Which transforms a file holds.
+    """The transforms that a file holds.
 
     Row i says that the chunk that begins at `offsets[chunk[i]]` has `count[i]` transforms of
     `edges[edge[i]]`, parent and child, in messages of `channel[i]`, with stamps from `first_ns[i]`
@@ -406,7 +406,7 @@ def encode_index(index: Index) -> bytes:
 def decode_index(data: bytes, offsets: Collection[int], channels: Collection[int]) -> Index:
     """The index in an attachment of a file with these chunks and channels.
 
-    Raises DecodeError if it is none, or is not that of this file.
+    Raises DecodeError if it is none, or not this file's.
     """
     try:
         plain = of_zstd(data, _MOST_BYTES)

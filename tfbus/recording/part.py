@@ -1,4 +1,4 @@
-"""One file of a recording: its streams, topics and events, and its chunks as items."""
+"""A file of a recording: its streams, topics and events, and its chunks as items."""
 
 import os
 from bisect import bisect_right
@@ -82,7 +82,7 @@ class TopicChannel:
 
 
 class Part:
-    """One file, which `read` opens as a McapFile. Raises OSError, and DecodeError unless it is a
+    """A file, which `read` opens as a McapFile. Raises OSError, and DecodeError unless it is a
     recording.
     """
 

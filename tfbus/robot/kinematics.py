@@ -253,7 +253,7 @@ Position = float | Sequence[float] | Transform
 
 
 class Positions:
-    """Which joints of a robot move, and where they are.
+    """The joints of a robot that move, and their positions.
 
     Each joint that moves has a place in a list of positions: the free ones in order, then the
     mimics, each after its source. `mimics` are their places and names, and their sources.

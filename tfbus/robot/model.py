@@ -68,7 +68,7 @@ class Mesh:
         return parts_of(self.name)[0]
 
     def beside(self, name: str) -> Path | None:
-        """The file of a material, picture or buffer by its name, written as that of the mesh is.
+        """The file of a material, picture or buffer by its name, written as the mesh's is.
 
         None if there is none in the mesh's package, or without a package in its folder.
         """
@@ -129,7 +129,7 @@ class JointLimits:
 
 @dataclass(frozen=True, slots=True)
 class Mimic:
-    """A joint that follows another: its position is `multiplier` * that of `joint` + `offset`."""
+    """A joint that follows another: its position is `multiplier` * `joint`'s + `offset`."""
 
     joint: str
     multiplier: float = 1.0

@@ -1,6 +1,6 @@
 """CDR, the bytes of ROS 2's messages: numbers, texts and sequences, each at its alignment.
 
-The version is that of ROS 2, plain CDR 1: https://www.omg.org/spec/DDSI-RTPS/2.5, section 10.
+The version is ROS 2's, plain CDR 1: https://www.omg.org/spec/DDSI-RTPS/2.5, section 10.
 Bytes are written little-endian and read in both orders.
 """
 

@@ -222,7 +222,7 @@ _OfRos = Callable[[dict[str, Any]], dict[str, Any]]
 
 @dataclass(frozen=True)
 class Counterpart:
-    """A type of ours, by its name, and that of ROS with the same content.
+    """A type of ours, by its name, and ROS's with the same content.
 
     `to_ros` makes the values of a message of ROS of ours, and raises UnfitError if they would
     not come back by `of_ros`, which raises DecodeError for a message with other fields.

@@ -220,7 +220,7 @@ UNKNOWN = MessageType(f"{PACKAGE}Msgpack", _PACKED, "unknown")
 
 
 def list_of(item: Type, name: str, size: int | None = None) -> Sequence:
-    """A list of items; `name` is that of a message around each, if ROS needs one."""
+    """A list of items; `name` is of a message around each, if ROS needs one."""
     if isinstance(item, Sequence):
         item = MessageType(name, (MessageField("items", item, "items"),), "value")
     return Sequence(item, size)
@@ -390,7 +390,7 @@ def _full(name: str) -> str:
 
 
 def sections_in(text: str, name: str = "") -> dict[str, list[str]]:
-    """The lines of each message of a text by its full name; `name` is that of the first."""
+    """The lines of each message of a text by its full name; `name` is the first message's."""
     lines: list[str] = []
     sections = {name: lines} if name else {}
     after_separator = False

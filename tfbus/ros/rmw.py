@@ -65,7 +65,7 @@ def is_message_type(name: str) -> bool:
 
 
 def is_bridge(node: str) -> bool:
-    """Whether a node of ROS is that of a bridge, by its name or full name."""
+    """Whether a node of ROS is a bridge's, by its name or full name."""
     return node.rpartition("/")[2].startswith(BRIDGE_PREFIX)
 
 

@@ -271,8 +271,8 @@ class MessageCodec:
 
     `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
     floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only if the
-    type is that of a dataclass, an integer in a field of floats comes back as the float that is the
-    same number.
+    type is a dataclass's, an integer in a field of floats comes back as the float that is the same
+    number.
     """
 
     def __init__(
@@ -398,7 +398,7 @@ class MessageCodecs:
     def encode(self, type_name: str, values: Mapping[str, Any]) -> tuple[MessageCodec, bytes]:
         """A message of a type of this name, `Pose`, and the codec that reads it.
 
-        If the name is not known, that of the topic will do. Raises InvalidArgumentException for
+        If the name is not known, the topic's will do. Raises InvalidArgumentException for
         a text that is not valid Unicode, and an integer of more than 64 bits.
         """
         codecs = self._of_type.get(type_name)

@@ -189,7 +189,7 @@ class ClockOffsets:
         return best
 
     def _ask(self, keys: dict[int, str]) -> dict[int, ClockOffset]:
-        """One sample of each clock that answers."""
+        """A sample of each clock that answers."""
         answers: scheduler.SimpleQueue[_Answered | None] = scheduler.SimpleQueue()
         with self._changed:
             if self._closed:

@@ -334,7 +334,7 @@ def listed_children(description: StreamDescription | None) -> frozenset[str]:
 class Conflicts:
     """Decides whose transforms of a frame are taken if several streams list it.
 
-    `reception(name)` is that of a stream, None if it has been forgotten. Not safe from several
+    `reception(name)` is a stream's, None if it has been forgotten. Not safe from several
     threads at once.
     """
 

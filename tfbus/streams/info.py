@@ -21,7 +21,7 @@ class StreamState(Struct):
 
     `name` is as `stream_of` gives it: `sim`, or `robot7/sim` outside of the namespace. `alive`
     is whether its publisher is there. `description` is the last it has sent, None before the
-    first. `key` is that of its token and its description. `confirmed` is whether the description
+    first. `key` is its token's and its description's. `confirmed` is whether the description
     came from the session that it names, since the token did. `displaced` is the session
     that was there before others took over with later epochs, "" for none; `held` is whether it has
     come back since, as it lives. `silent` is whether its token is lost, as with its link, and it

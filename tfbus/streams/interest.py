@@ -1,4 +1,4 @@
-"""Which streams a listener subscribes to; all by default.
+"""The streams that a listener subscribes to; all by default.
 
 With an interest it subscribes to the streams that the lookups of its buffer need, by the lists of
 frames of all streams. A thread of its own subscribes and unsubscribes: lookups, and Zenoh's

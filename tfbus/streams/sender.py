@@ -217,7 +217,7 @@ class StreamKeys(Protocol):
     def divide(
         self, columns: Columns, encoder_of: EncoderOf, row_bytes: int = 0
     ) -> Sequence[RowsOfKey]:
-        """Which rows go on which key, for these columns and all with the same edges; each takes
+        """The rows of each key, for these columns and all with the same edges; each takes
         `row_bytes`, 0 for that of one with names.
         """
 

@@ -1,7 +1,7 @@
 """A stream: the transforms that one node publishes under one name.
 
 Each stream has a liveliness token, and a retained description at the same key with its node, its
-epoch and its frames: others know which frames exist, and who publishes them, without reading a
+epoch and its frames: others know which frames exist, and their publishers, without reading a
 transform.
 """
 

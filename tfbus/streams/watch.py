@@ -1,4 +1,4 @@
-"""Which streams there are, by their liveliness tokens and descriptions, without their data."""
+"""The streams on the bus, by their liveliness tokens and descriptions, without their data."""
 
 import logging
 import math
@@ -78,7 +78,7 @@ class StreamWatch:
     long as `is_heard(name, last_s)`, whether a message of it came in the last seconds. Descriptions
     that cannot be read are counted in `rejected` by their stream, and the first is logged.
 
-    A token that comes back may be that of a new process, which the last description does not
+    A token that comes back may be a new process's, which the last description does not
     describe. So with each token the description is asked for, until one comes, readable or not; a
     stream that comes back is alive as soon as it has come.
 

@@ -28,7 +28,7 @@ class Payload:
 
 
 class Source:
-    """The origin of a message: the id of the session, that of the publisher, and its number."""
+    """The origin of a message: the id of the session, the publisher's, and its number."""
 
     def __init__(self, zid: str, eid: int, number: int) -> None:
         self.zid, self.eid = zid, eid

@@ -217,7 +217,7 @@ class Declarations:
                 self.heard[kind].add(key, face)
 
     def spread(self, source: object, kind: str, key: str, change: int) -> None:
-        """A source has one declaration more, or less: count it, and tell all who have to know."""
+        """A source has one declaration more, or less: count it, and tell the sessions concerned."""
         session = self.session
         session.routing.spread(source, kind, key, change)
         if kind == TOKEN:

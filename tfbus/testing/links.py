@@ -409,7 +409,7 @@ def _is_heard(listens_at: str, one: "ZenohSession", other: "ZenohSession") -> bo
 
 
 def _is_at(name: str, here: "Host", there: "Host") -> bool:
-    """Whether a name or address is that of a host, as another one resolves it."""
+    """Whether a name or address is a host's, as another one resolves it."""
     if _LOOPBACK.fullmatch(name) or name in _ANY:
         return here is there
     return name in (there.name, there.address)

@@ -154,7 +154,7 @@ class Network:
         is_merged: bool = False,
     ) -> Program:
         """Start a process that runs `main()` as `python -m MODULE ARGUMENTS` does, with the module
-        of `main`: with `sys.argv`, an environment (`env`; None: that of the test), input, output
+        of `main`: with `sys.argv`, an environment (`env`; None: the test's), input, output
         and exit code of its own. In a terminal, or merged, it writes its errors with its output.
         `main` may be an installed command, such as "tfbus". Raises SimulationError for others.
         """

@@ -253,7 +253,7 @@ class Router(Direct):
                 self._session.declarations.spread(table, kind, key, 1 if is_new else -1)
 
     def _find_trees(self) -> None:
-        """The links of routers have changed: find anew who is reached, and how."""
+        """The links of routers have changed: find the reached routers anew, and the ways."""
         self._trees.clear()
         reached = set(self._tree(self._own.zid)) - {self._own.zid}
         former, self._reached = self._reached, reached

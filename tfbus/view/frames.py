@@ -84,7 +84,7 @@ class Frames:
 
 
 def frames_of(moment: BusMoment, buffer: Buffer, fixed_frame: str) -> Frames:
-    """The frames at a moment, to be seen from the fixed frame; the buffer is that of the moment."""
+    """The frames at a moment, to be seen from the fixed frame; the buffer is the moment's."""
     tree, frames = moment.tree, []
     for whole in tree.trees:
         root = whole[0][1].name

@@ -54,7 +54,7 @@ _END_S = 5.0
 
 
 class ShownBuffer:
-    """The host of the page: its time is that of the newest sample, so that a recording is fresh."""
+    """The host of the page: its time is the newest sample's, so that a recording is fresh."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.log = logging.getLogger("tfbus.view")

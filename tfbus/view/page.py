@@ -86,8 +86,8 @@ _BY_DEFAULT = ViewSettings()
 class Serving:
     """The address of the page, how often it moves, and its first settings.
 
-    The settings are saved to `path`. The slider goes back `history_s` seconds. `title` is that of
-    the browser's tab. With an `access` the page is encrypted, and needs its token. A page that is
+    The settings are saved to `path`. The slider goes back `history_s` seconds. The browser's tab
+    has the `title`. With an `access` the page is encrypted, and needs its token. A page that is
     `read_only` sends nothing and saves nothing: it has neither the tabs of guests nor sliders of
     joints. If `is_framed`, pages of other machines may have it in a frame. With `heeds_up_axis`
     meshes are turned by the up axis that they state. `roster` are the robots that are expected.

@@ -148,8 +148,8 @@ class Replay:
         return topics, names
 
     def frame_names(self, topic: TopicInfo) -> FrameNames | None:
-        """The names of the frames in messages of a topic: of its publishers' robot, else that of
-        the topic's name; None without a fleet.
+        """The names of the frames in messages of a topic: of its publishers' robot, else by the
+        topic's name; None without a fleet.
         """
         if self.fleet is None:
             return None

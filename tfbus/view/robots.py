@@ -241,7 +241,7 @@ class RobotsOnBus:
             return [self._described[slot].shown for slot in sorted(self._described)]
 
     def mistakes(self) -> Sequence[str]:
-        """Which descriptions are none."""
+        """The mistakes of descriptions that are no robots."""
         with self._lock:
             return list(self._mistakes.values())
 

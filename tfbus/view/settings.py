@@ -136,7 +136,7 @@ class ViewSettings:
 
     @cached_property
     def filter(self) -> NameFilter:
-        """Which names are shown."""
+        """The choice of names that are shown."""
         return NameFilter(self.only, self.never)
 
     def shows(self, name: str) -> bool:

@@ -333,7 +333,7 @@ def _fields_of(message_type: type) -> dict[str, bool]:
 
 
 def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dict[str, Any]:
-    """The fields of a message in ROS's layout or ours; None for that of its type. Arrays are
+    """The fields of a message in ROS's layout or ours; None for its type's. Arrays are
     arrays, or `in_bytes` their memory.
     """
     if hasattr(message, "__bus_map__"):
@@ -819,7 +819,7 @@ def renewed(
     fields: Mapping[str, object],
 ) -> Mapping[str, Any]:
     """The values of a message under today's names of its `fields`, if it has `former` ones;
-    otherwise the same. Of a former name there is the path of today; of a list, that of each item.
+    otherwise the same. Of a former name there is the path of today; of a list, each item's.
     """
     if not any(name in former and name not in fields for name in values):
         return values

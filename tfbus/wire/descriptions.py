@@ -138,7 +138,7 @@ class NodeDescription(Struct):
 class NodeDefinitions(Struct):
     """The part of a node's description that it has if that is asked for: the definitions of the ROS
     types that it publishes, by the names of the types, as texts of `.msg` files with all in them.
-    `publishes` is that of the description.
+    `publishes` is the description's.
     """
 
     definitions: dict[str, str] = field(default_factory=dict)
@@ -173,7 +173,7 @@ STREAM_VERSION = 1
 class StreamDescription(Struct):
     """A stream: the node that publishes it (full name), since when, and its frames.
 
-    `v` is the version of this map. `epoch` is that of its messages, in ns. `frames` are rows of
+    `v` is the version of this map. `epoch` is its messages', in ns. `frames` are rows of
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
     the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
     the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 if

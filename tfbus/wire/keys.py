@@ -71,7 +71,7 @@ def stream_key(stream: str) -> str:
 
 
 def may_describe(key: str) -> bool:
-    """Whether a key is that of the token and the description of a stream, in any namespace."""
+    """Whether a key is of the token and the description of a stream, in any namespace."""
     return "/@tfbus/stream/" in f"/{key}"
 
 
@@ -326,7 +326,7 @@ def namespace_of_node(name: str) -> str:
 def relative_name(name: str, namespace: str) -> str:
     """A node's name relative to the namespace: `/robot7/sim` is `sim` in robot7.
 
-    That of a node elsewhere stays absolute, with its slash.
+    A node's elsewhere stays absolute, with its slash.
     """
     return relative(name.rstrip("/"), namespace)
 

@@ -246,7 +246,7 @@ def unpack_poses(
     say, or a form is unknown. Only the poses at the `known` places of `count`, if it is not None,
     each with its origin.
 
-    Of fewer forms than poses the first one is that of all.
+    Of fewer forms than poses the first one holds for all.
     """
     if count == 0 or not forms:
         return None if data or count else b""

@@ -25,7 +25,7 @@ _LEVEL = 3
 
 class KeptMessage(NamedTuple):
     """A message as it was sent: at which key, within the namespace of its publisher, and its
-    payload. `log_ns` is when it was recorded, by the clock of who keeps it; 0 if it is not known.
+    payload. `log_ns` is when it was recorded, by the keeper's clock; 0 if it is not known.
     """
 
     key: str
@@ -37,7 +37,7 @@ class Page(NamedTuple):
     """A part of the kept messages, oldest first.
 
     `next` is where the next page begins, "" after the last. `left_s` is for how many seconds
-    messages are left, and `now_ns` the clock of who keeps them; 0 if they are not known.
+    messages are left, and `now_ns` their keeper's clock; 0 if they are not known.
     """
 
     messages: Sequence[KeptMessage]

@@ -274,7 +274,7 @@ class RecordedMessage:
 
     @property
     def stamp_ns(self) -> int | None:
-        """Its stamp, or that of its header; of transforms the newest; None if it has none."""
+        """Its stamp, or its header's; of transforms the newest; None if it has none."""
         if isinstance(self.item, TransformItem):
             return max(self.item.rows.stamps_as_ints(), default=0)
         return stamp_in(self.item.values)

@@ -10,7 +10,7 @@ __all__ = ["Clock", "ClockType", "ROSClock"]
 
 
 class Clock:
-    """A clock; that of a node follows the topic `clock` if time is simulated."""
+    """A clock; a node's follows the topic `clock` if time is simulated."""
 
     def __init__(
         self,
@@ -28,7 +28,7 @@ class Clock:
 
     @property
     def clock_type(self) -> ClockType:
-        """Which clock it is."""
+        """The kind of clock."""
         return self._clock_type
 
     @property

@@ -319,7 +319,7 @@ class Node:
         clock: Clock | None = None,
         autostart: bool = True,
     ) -> Timer:
-        """Call `callback()` every `timer_period_sec` seconds of a clock, that of the node if
+        """Call `callback()` every `timer_period_sec` seconds of a clock, the node's if
         none is given, the first time after one period; without `autostart`, after its `reset()`.
         """
         group = self.group_of(callback_group)
@@ -331,8 +331,8 @@ class Node:
         return timer
 
     def create_rate(self, frequency: float, clock: Clock | None = None) -> Rate:
-        """A rate whose `sleep()` makes a loop of `frequency` Hz of a clock, that of the node if
-        none is given.
+        """A rate whose `sleep()` makes a loop of `frequency` Hz of a clock, the node's if none is
+        given.
         """
         return Rate(self.tfbus_node, 1.0 / frequency, (clock or self._clock).tfbus_clock)
 
@@ -366,7 +366,7 @@ class Node:
         return Client(self.tfbus_node.create_client(srv_type, srv_name), self.work)
 
     def group_of(self, given: CallbackGroup | None) -> CallbackGroup:
-        """The group itself, or that of the node, of which it is then."""
+        """The group itself, or the node's; it is of the node then."""
         group = self.default_callback_group if given is None else given
         join(group, self.get_fully_qualified_name())
         return group

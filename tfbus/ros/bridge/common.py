@@ -24,12 +24,12 @@ ClockWay = Literal["auto", "to-ros", "from-ros", "off"]
 
 @dataclass(frozen=True)
 class BridgeOptions:
-    """Which transforms cross, and the clock.
+    """The transforms that cross, and the clock.
 
     `frames` are patterns of child frames as the bus names them, such as `robot1/*`: given, only
     these cross. `frame_prefix` is put before the names of frames that come from ROS, and taken off
     names that go there. `rate_limit_hz` is how often a frame goes at most, in each direction.
-    `ros_namespace` is that of ROS's topics: "robot1" for /robot1/tf. With `clock` "auto" the side
+    `ros_namespace` is ROS's topics': "robot1" for /robot1/tf. With `clock` "auto" the side
     that has a clock gives it to the other.
     """
 
@@ -52,7 +52,7 @@ class BridgeOptions:
 
     @property
     def directions(self) -> str:
-        """Which way it goes, in words."""
+        """Its direction, in words."""
         if self.to_ros and self.from_ros:
             return "both directions"
         return "only to ROS" if self.to_ros else "only from ROS"
@@ -137,7 +137,7 @@ class RosPublishers:
         return self._nodes
 
     def poll(self) -> set[str]:
-        """Look who is there; the gids of publishers that are gone since."""
+        """Look for publishers; the gids of publishers that are gone since."""
         listed = self._listed()
         with self._lock:
             self._add(listed)
@@ -377,7 +377,7 @@ class Crossed:
                 self._second.pop(child, None)
 
     def crosses(self, way: Way, rows: Columns) -> list[int]:
-        """Which rows have not come the other way, of rows with the names of the bus."""
+        """The indices of rows, with the names of the bus, that have not come the other way."""
         frames = rows.frames
         stamps = rows.stamps_as_ints()
         with self._lock:

@@ -110,7 +110,7 @@ class FromRos:
             self._send_statics()
 
     def poll(self) -> None:
-        """Look who is there; call it every second."""
+        """Look for publishers; call it every second."""
         gone = self._publishers.poll()
         with self._lock:
             if self._is_closed:

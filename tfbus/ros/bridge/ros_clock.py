@@ -35,7 +35,7 @@ _LATEST_NS = 2**31 * _SECOND_NS - 1
 class RosClock:
     """Passes the time on in one direction, until `close()`.
 
-    With `way` "auto" it is that of the first clock that is heard; if both sides have one,
+    With `way` "auto" it is the first heard clock's; if both sides have one,
     neither crosses, also if the second comes later, which is logged. Messages come on threads of
     the leg's and of Zenoh's.
 

@@ -103,7 +103,7 @@ class RosStream:
 def stream_name(node: Node, ros_node: str) -> str:
     """The name of the stream for a node of ROS, by its full name: "ros2/robot_state_publisher".
 
-    That of the bridge's node alone if ROS does not tell, or the name cannot be shown or may not
+    The name of the bridge's node alone if ROS does not tell, or the name cannot be shown or may not
     be used on this bus.
     """
     name = _own_name(node, ros_node)

@@ -48,7 +48,7 @@ class TopicLine:
 
     Topics of the bus are found by their type, and by the `pattern` of their names, `*` for any
     text. In ROS `names` are looked for, and names that the bus subscribes to. A `retained` topic
-    is transient local in ROS. `stamps` says that ROS's type has no stamp: it gets that of its
+    is transient local in ROS. `stamps` says that ROS's type has no stamp: it gets the time of its
     arrival.
     """
 

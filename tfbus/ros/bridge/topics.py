@@ -522,7 +522,7 @@ class _Topic:
         return found
 
     def _accepts(self, gid: str) -> bool:
-        """Whether a message of this publisher comes to the bus: not that of another bridge, if
+        """Whether a message of this publisher comes to the bus: not another bridge's, if
         the topic has a source there.
         """
         if not gid:

@@ -176,7 +176,7 @@ def message_type_of(topic: TopicInfo) -> type | None:
 
 
 def camera_topic(topic: str, topics: Mapping[str, TopicInfo]) -> str:
-    """The topic of the CameraInfo beside that of an image, as in ROS: `camera_info` in the same
+    """The topic of the CameraInfo beside an image's, as in ROS: `camera_info` in the same
     namespace, or in the one above; "" without one.
     """
     above = topic
@@ -271,8 +271,8 @@ class DataOnBus:
             return found[0].rejected if found else 0
 
     def _names_of(self, topic: TopicInfo) -> FrameNames | None:
-        """The names of the frames of its robot: the one whose nodes publish, else that of the name
-        of the topic.
+        """The names of the frames of its robot: the one whose nodes publish, else by the name of
+        the topic.
         """
         if self._fleet is None:
             return None

@@ -164,7 +164,7 @@ _SELECTED_ROW = '<div class="tf-row tf-selected" aria-selected="true"'
 
 
 def _marked(rows: Mapping[str, str], name: str) -> Iterable[str]:
-    """The rows, that of one frame marked as selected."""
+    """The rows, one frame's marked as selected."""
     row = rows.get(name)
     if row is None:
         return rows.values()

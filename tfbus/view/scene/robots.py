@@ -42,7 +42,7 @@ Shown = Literal["visual", "collision", "both"]
 
 @dataclass(frozen=True)
 class Look:
-    """Which shapes are drawn, and how opaque they are, from 0 to 1."""
+    """The shapes that are drawn, and their opacity, from 0 to 1."""
 
     shown: Shown = "visual"
     opacity: float = 1.0
@@ -50,7 +50,7 @@ class Look:
 
 @dataclass(eq=False)
 class _Node:
-    """An object of viser: of the visuals or of the collisions. `opacity` is that of its material;
+    """An object of viser: of the visuals or of the collisions. `opacity` is its material's;
     `parts` that has a picture is drawn in its mean colour if it is seen through.
     """
 

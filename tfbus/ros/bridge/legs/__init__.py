@@ -1,7 +1,7 @@
 """Legs: how a bridge reaches ROS, each by one middleware.
 
-A leg carries the bytes of messages, in CDR as ROS 2 has them, and knows who publishes; the meaning
-of messages is the affair of the bridge.
+A leg carries the bytes of messages, in CDR as ROS 2 has them, and knows their publishers; the
+meaning of messages is the affair of the bridge.
 """
 
 import logging

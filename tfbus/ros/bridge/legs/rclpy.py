@@ -238,7 +238,7 @@ class RclpyLeg:
         return self.lost_messages.counts
 
     def warnings(self) -> Sequence[str]:
-        """That there is no ROS, and whom it cannot listen to."""
+        """Sentences: that there is no ROS, and publishers that are not heard."""
         own = (self._node.get_name(), self._node.get_namespace())
         if all(each == own for each in self._node.get_node_names_and_namespaces()):
             return [
@@ -356,7 +356,7 @@ def _middleware() -> str:
 
 
 def _tells_publishers() -> bool:
-    """Whether rclpy says with each message who published it: since Kilted."""
+    """Whether rclpy names the publisher of each message: since Kilted."""
     from rclpy import subscription
 
     told = getattr(subscription, "MessageInfo", None)

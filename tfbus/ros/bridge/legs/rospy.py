@@ -25,7 +25,7 @@ _ANSWER_WITHIN_S = 2.0
 
 
 def open_leg(settings: LegSettings, log: logging.Logger) -> "RospyLeg":
-    """Join ROS 1: `connect` has the URI of its master, or is () for that of ROS_MASTER_URI.
+    """Join ROS 1: `connect` has the URI of its master, or is () for the one in ROS_MASTER_URI.
 
     Waits for the master, and says so. Raises TfbusError if rospy is not there, or if ROS has
     a node of this name.

@@ -143,7 +143,7 @@ class RosGraph:
 
     def publishers(self, topic: str) -> list[RosPublisher]:
         """The publishers of a topic, in order of their gids. A publisher that puts other
-        gids into its messages than that of its token, as zenoh-ros2-sdk does, is there with these
+        gids into its messages than its token's, as zenoh-ros2-sdk does, is there with these
         too, if its session has no other publisher of the topic.
         """
         with self._lock:
@@ -165,7 +165,7 @@ class RosGraph:
         return untold.token
 
     def other_domains(self) -> list[int]:
-        """The domains that have nodes, if that of this graph has none."""
+        """The domains that have nodes, if this graph's has none."""
         with self._lock:
             if sum(self._elsewhere.values()) < len(self._tokens):
                 return []

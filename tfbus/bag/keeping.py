@@ -254,7 +254,7 @@ class PartsWritten:
         return self._writer.data_of(item)
 
     def write_late(self, items: Iterable[Item]) -> list[InvalidArgumentException]:
-        """Write items of a time before the last one; the errors of items that the file cannot hold."""
+        """Write items of a time before the last one; the errors of items that do not fit a file."""
         assert self._writer is not None
         self._synced = False
         return list(self._writer.write_late(items))

@@ -511,7 +511,7 @@ class RecordedFrames:
         return None
 
     def hint(self, frame: str = "") -> str:
-        """A sentence that tells where in the recording a frame is: later, or in another namespace."""
+        """A sentence on where in the recording a frame is: later, or in another namespace."""
         first_ns: dict[str, int] = {}
         elsewhere = set()
         for event in self._events:
@@ -618,7 +618,7 @@ class _HeardStream:
     def describe_by(
         self, item: TransformItem, pairs: list[tuple[int, int]], frames: tuple[str, ...]
     ) -> None:
-        """Describe a stream without a recorded token and description by the frames that it sends."""
+        """Describe a stream, of which no description was recorded, by the frames that it sends."""
         rows = {frames[child]: (frames[parent], item.static) for parent, child in pairs}
         if self.state.alive and rows.items() <= self._seen.items():
             return

@@ -1,1 +1,1 @@
-"""Recordings: the traffic of a bus in MCAP files; read, written, cut and converted without a bus."""
+"""Recordings: a bus's traffic in MCAP files; read, written, cut and converted without a bus."""

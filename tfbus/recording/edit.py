@@ -104,7 +104,7 @@ def without(items: Iterator[Item], names: Collection[str]) -> Iterator[Item]:
 
 
 def in_namespace(items: Iterator[Item], namespace: str) -> Iterator[Item]:
-    """The items with their streams, topics and nodes below a namespace, as of one robot of a fleet."""
+    """The items with their streams, topics and nodes below a namespace, as of a fleet's robot."""
     for item in items:
         if isinstance(item, TopicItem):
             yield replace(item, topic=f"{namespace}/{item.topic}")

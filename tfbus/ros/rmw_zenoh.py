@@ -284,7 +284,7 @@ def read_attachment(data: bytes) -> Attachment | None:
 
 
 def source_in(data: bytes) -> bytes:
-    """The bytes of an attachment from its publisher's on, the same in all messages of a publisher."""
+    """The bytes of an attachment from its publisher's on: the same in all of its messages."""
     return data[_SOURCE_OF_NAMED:] if data.startswith(_WITH_NAMES) else data[_SOURCE_OF_PLAIN:]
 
 

@@ -376,7 +376,7 @@ class Conflicts:
         return [reception for reception in receptions if reception is not None]
 
     def _revoke_permits(self, senders: set[str]) -> None:
-        """Judge the rows that these streams have under way again: other streams list other frames."""
+        """Judge rows that these streams have under way again: other streams list other frames."""
         for reception in self._known(sorted(senders)):
             reception.revoke_permit()
 

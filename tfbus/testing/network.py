@@ -376,7 +376,7 @@ class Network:
 
 
 def _check_plain(what: str, function: object) -> None:
-    """Refuse a coroutine function, whose call would do nothing, and objects that are no function."""
+    """Refuse a coroutine function, whose call would do nothing, and any object but a function."""
     if not callable(function) or inspect.iscoroutinefunction(function):
         raise SimulationError(
             f"{what} must be a function without `async`, and not called yet, not {function!r}: of "

@@ -101,7 +101,7 @@ class Process:
         return found
 
     def enter(self) -> None:
-        """A task of its own has the turn: arguments and the like, which Python has once, are its."""
+        """A task of its own has the turn: the one `sys.argv` of Python is its own."""
         if self.program is not None:
             self.program.enter()
         elif self.argv:

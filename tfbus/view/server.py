@@ -74,7 +74,7 @@ class Access:
         return f"/?token={quote(self.token.text)}" if self.token.is_new else ""
 
     def answer(self, path: str, headers: Mapping[str, str], address: str) -> PageReply | None:
-        """The answer to a request from an address in place of the page; None if it has the cookie."""
+        """The answer to a request from an address in place of the page; None with the cookie."""
         if is_same(_cookie_of(headers, self._cookie), self._value):
             return None
         given = parse_qs(path.partition("?")[2]).get("token", [""])[0]

@@ -150,7 +150,7 @@ _LONGEST_TEXT = 1000
 
 
 def _make_printable(description: object, *fields: str) -> None:
-    """Escape characters that a screen must not get in these fields: texts, tuples or maps of texts."""
+    """Escape characters that a screen must not get in these fields: texts, or tuples or maps."""
     for name in fields:
         object.__setattr__(description, name, _printable(getattr(description, name)))
 

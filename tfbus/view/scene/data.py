@@ -146,7 +146,7 @@ class DataScenes:
         }
 
     def met_by(self, ray: Ray) -> float:
-        """The way in m along a ray of the fixed frame to the shapes of messages; infinity for none."""
+        """The way in m along a ray of the fixed frame to shapes of messages; infinity for none."""
         ways = [
             way_to(ray.seen_from(placed.pose), shape)
             for layer in self.layers.copy().values()

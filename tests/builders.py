@@ -1,4 +1,4 @@
-"""What tests build transforms, messages and descriptions with, and read a buffer with."""
+"""Functions of tests that build transforms, messages and descriptions, and read a buffer."""
 
 from collections.abc import Iterable
 from typing import Any

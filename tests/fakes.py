@@ -1,4 +1,4 @@
-"""What stands in for a clock, a log, a second thread or a recording in tests."""
+"""Stand-ins for a clock, a log, a second thread or a recording in tests."""
 
 import logging
 import threading

@@ -1,4 +1,4 @@
-"""What must hold of the package as it is installed, away from its sources.
+"""Promises of the package as it is installed, away from its sources.
 
 Not collected with the other tests: run it in an environment that has the wheel.
 """

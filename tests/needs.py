@@ -1,4 +1,4 @@
-"""What some tests need of the machine: where it is not there, they skip and say what for.
+"""The needs of some tests: on a machine that lacks one, they skip and name it.
 
 Every such reason reads `needs X` or `needs X: how to get it`; the summary of a run counts the
 skipped tests by X.

@@ -1,7 +1,7 @@
-"""Tests of what only real processes, sockets, browsers or sleeps show: the marker `real`.
+"""Tests that need real processes, sockets, browsers or sleeps: the marker `real`.
 
 All others run in one process, between two of which nothing but memory passes: a test that does
-more without the marker fails, and says what it did.
+more without the marker fails, and names the call.
 """
 
 import sys

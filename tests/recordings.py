@@ -1,4 +1,4 @@
-"""What tests of recordings record: items in a few words, and files of them."""
+"""Recordings for tests: items in a few words, and files of them."""
 
 from collections.abc import Iterable
 from functools import cache

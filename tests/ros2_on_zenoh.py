@@ -1,8 +1,8 @@
-"""What ROS 2 puts on a Zenoh network, by rmw_zenoh and by zenoh-bridge-ros2dds, without ROS.
+"""ROS 2's messages on a Zenoh network, by rmw_zenoh and by zenoh-bridge-ros2dds, without ROS.
 
     python -m tests.ros2_on_zenoh [--connect tcp/127.0.0.1:7447] [--rate 50]
 
-Keys, tokens, attachments and payloads are as those two have them.
+Keys, tokens, attachments and payloads are as the two have them.
 """
 
 import argparse

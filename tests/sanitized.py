@@ -3,7 +3,7 @@ behaviour: any report is a failure. Takes about two minutes on two cores.
 
 python tests/sanitized.py [--seconds 15]
 
-Where there is no compiler, or it has no sanitizers, it says so and succeeds.
+If there is no compiler, or it has no sanitizers, it says so and succeeds.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""A bus for tests on a simulated network: what `live_bus.Bus` does, in virtual time."""
+"""A bus for tests on a simulated network: as `live_bus.Bus`, in virtual time."""
 
 import os
 import subprocess

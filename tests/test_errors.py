@@ -1,4 +1,4 @@
-"""The errors of tfbus are Python's errors too, where Python has one of the same meaning."""
+"""The errors of tfbus are Python's errors too, if Python has one of the same meaning."""
 
 import pickle
 

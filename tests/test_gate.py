@@ -1,4 +1,4 @@
-"""The gate of the hot paths compares instructions with what they were."""
+"""The gate of the hot paths compares instructions with former counts."""
 
 import pytest
 

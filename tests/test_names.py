@@ -1,4 +1,4 @@
-"""Names of frames: what can be one, and what is said of what cannot."""
+"""Names of frames: valid ones, and the sentences on invalid ones."""
 
 import pytest
 

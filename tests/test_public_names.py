@@ -1,4 +1,4 @@
-"""The public names: what other packages may rely on."""
+"""The public names, on which other packages may rely."""
 
 import importlib
 import importlib.metadata

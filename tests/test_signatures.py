@@ -1,4 +1,4 @@
-"""What `help` and an IDE show of compiled classes is what their sources say."""
+"""The signatures that `help` and an IDE show of compiled classes are their sources'."""
 
 import ast
 import inspect

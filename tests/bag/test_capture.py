@@ -1,4 +1,4 @@
-"""What comes from the bus by itself: keys and tokens of any number, from any peer."""
+"""Messages that come from the bus by themselves: keys and tokens of any number, from any peer."""
 
 import logging
 from collections import Counter

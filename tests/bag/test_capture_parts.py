@@ -1,4 +1,4 @@
-"""What stands between the bus and the file: the queue, gaps, conditions, names of files."""
+"""The parts between the bus and the file: the queue, gaps, conditions, names of files."""
 
 from array import array
 from itertools import islice

@@ -1,4 +1,4 @@
-"""Recorders in robots keep what they record, and others fill their gaps from it."""
+"""Recorders in robots keep their files, and others fill their gaps from them."""
 
 import os
 import random

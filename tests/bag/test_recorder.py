@@ -1,4 +1,4 @@
-"""The recorder: what comes into its queue is in its files, whatever happens."""
+"""The recorder: all messages of its queue are in its files, whatever happens."""
 
 import errno
 import logging

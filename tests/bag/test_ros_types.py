@@ -1,4 +1,4 @@
-"""ROS's types on the bus: what a recording is played as, recorded again, is what it was."""
+"""ROS's types on the bus: a recording that is played and recorded again is as before."""
 
 import re
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""What a node logs can be printed, whatever comes from the bus."""
+"""The lines that a node logs can be printed, whatever comes from the bus."""
 
 import logging
 import os

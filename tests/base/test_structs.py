@@ -1,4 +1,4 @@
-"""A Struct is what a frozen dataclass with the same lines is."""
+"""A Struct is like a frozen dataclass with the same lines."""
 
 import copy
 import dataclasses

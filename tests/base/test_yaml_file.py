@@ -1,4 +1,4 @@
-"""YAML files: a mistake has its line, and says in plain words what is wrong."""
+"""YAML files: a mistake has its line, and a sentence in plain words."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Arguments of a wrong type or out of range: one sentence that names what is wanted."""
+"""Arguments of a wrong type or out of range: one sentence that names the right type or range."""
 
 import asyncio
 import math

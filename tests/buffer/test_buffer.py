@@ -1,4 +1,4 @@
-"""The buffer: what goes in comes out, between any two frames, at any time that is known."""
+"""The buffer: inserted transforms come out, between any two frames, at any known time."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a buffer keeps has limits: samples of a frame, paths, and nothing recursive."""
+"""The memory of a buffer has limits: samples of a frame, paths, and nothing recursive."""
 
 import logging
 import subprocess

@@ -1,4 +1,4 @@
-"""The history of a frame as a ring: what leaves makes room for what comes."""
+"""The history of a frame as a ring: samples that leave make room for new ones."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A buffer under a simulated clock: its timeouts, and what it forgets at a jump back."""
+"""A buffer under a simulated clock: its timeouts, and samples forgotten at a jump back."""
 
 import asyncio
 

@@ -1,7 +1,7 @@
 """Many threads at one buffer: longer with `--stress-s 60`.
 
-What is inserted lies on one line: at the time t (in ms) a frame is at (t, 2 t, -t), turned by
-1e-6 t. So whatever is interpolated lies on that line, too, and a pose that mixes two samples, or
+All samples lie on one line: at the time t (in ms) a frame is at (t, 2 t, -t), turned by
+1e-6 t. So any interpolated pose lies on that line, too, and a pose that mixes two samples, or
 a stamp and the pose of another, does not.
 """
 

@@ -1,4 +1,4 @@
-"""The tree of frames: no loops, nothing of what was removed, and what yields to what."""
+"""The tree of frames: no loops, no trace of removed frames, and edges that yield to others."""
 
 import pytest
 

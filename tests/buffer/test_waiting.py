@@ -1,4 +1,4 @@
-"""Waiting for a transform, in threads and in asyncio: woken by what matters, and only that."""
+"""Waiting for a transform, in threads and in asyncio: woken by changes of its path alone."""
 
 import asyncio
 import threading

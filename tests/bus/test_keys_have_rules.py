@@ -1,4 +1,4 @@
-"""Every key that tfbus uses has a rule: who may send what on it, by role."""
+"""Every key that tfbus uses has a rule: the messages that each role may send on it."""
 
 import inspect
 from typing import Any

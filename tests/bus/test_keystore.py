@@ -1,4 +1,4 @@
-"""The authority's folder, and what `tfbus keys` makes in it."""
+"""The authority's folder, and the files that `tfbus keys` makes in it."""
 
 import os
 import shutil

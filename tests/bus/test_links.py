@@ -1,4 +1,4 @@
-"""Links as Zenoh tells of them: who is lost, and who is half linked."""
+"""Links as Zenoh tells of them: lost and half linked processes."""
 
 from types import SimpleNamespace
 from typing import Any

@@ -1,4 +1,4 @@
-"""Networks by their names: what each sets in Zenoh, and which one `auto` takes."""
+"""Networks by their names: their settings of Zenoh, and the one that `auto` takes."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A closed bus: what an identity, or none, can read and write, whatever program it runs."""
+"""A closed bus: the keys that an identity, or none, can read and write, by any program."""
 
 import socket
 import threading

@@ -1,4 +1,4 @@
-"""What is said of a bus that scouting finds and that a session gets no link to."""
+"""The hints on a bus that scouting finds and that a session gets no link to."""
 
 import socket
 from dataclasses import dataclass, field, replace

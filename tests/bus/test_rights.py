@@ -1,4 +1,4 @@
-"""What identities may do, and the sentences that say why not."""
+"""The rights of identities, and the sentences that say why not."""
 
 import pytest
 

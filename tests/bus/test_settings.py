@@ -1,4 +1,4 @@
-"""The settings of a node: given ones, those of the environment, and invalid ones."""
+"""The settings of a node: given ones, the environment's, and invalid ones."""
 
 import dataclasses
 from pathlib import Path

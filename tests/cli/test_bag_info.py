@@ -1,4 +1,4 @@
-"""`tfbus bag info`: what is in a recording, on one screen."""
+"""`tfbus bag info`: the contents of a recording, on one screen."""
 
 import json
 from pathlib import Path

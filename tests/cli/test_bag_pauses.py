@@ -1,4 +1,4 @@
-"""Tools on a recording in which the recorder was paused: what they say of it."""
+"""Tools on a recording in which the recorder was paused: their sentences on the pause."""
 
 import json
 from pathlib import Path

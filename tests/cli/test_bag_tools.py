@@ -1,4 +1,4 @@
-"""The tools that look into a recording: what they print, and that they open no bus."""
+"""The tools that look into a recording: their output, and that they open no bus."""
 
 import json
 import shlex

@@ -1,4 +1,4 @@
-"""The tools on one network with ROS 2: they show what is tfbus's, and not a word of the rest."""
+"""The tools on one network with ROS 2: they show tfbus's keys, and not a word of the rest."""
 
 import threading
 from collections.abc import Iterator

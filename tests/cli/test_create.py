@@ -1,4 +1,4 @@
-"""`tfbus create`: what it writes, and which names it refuses."""
+"""`tfbus create`: its files, and the names that it refuses."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`tfbus frames` against a live bus: what it prints and the files it writes."""
+"""`tfbus frames` against a live bus: its output and its files."""
 
 import errno
 import json

@@ -1,4 +1,4 @@
-"""Messages on the command line: their parts, what is cut of them, filters, and typing them in."""
+"""Messages on the command line: their parts, cuts, filters, and typing them in."""
 
 import re
 from typing import Any

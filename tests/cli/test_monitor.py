@@ -1,4 +1,4 @@
-"""`tfbus monitor` on a live bus: what it measures, and its report of a pair."""
+"""`tfbus monitor` on a live bus: its measurements, and its report of a pair."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What `tfbus bag record` says while it records."""
+"""The lines of `tfbus bag record` while it records."""
 
 from collections import Counter
 from pathlib import Path

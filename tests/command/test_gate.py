@@ -1,4 +1,4 @@
-"""Which web pages may connect to a server."""
+"""The web pages that may connect to a server."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""Where a server for browsers listens, on a command line."""
+"""The address at which a server for browsers listens, on a command line."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Prints as JSON what rclpy's classes of interfaces are, or those of tfbus.compat.
+"""Prints facts of rclpy's classes of interfaces, or tfbus.compat's, as JSON.
 
 Run as `python facts_of_interfaces.py "" std_msgs ...` in ROS; "tfbus.compat." stands for "" here.
 """

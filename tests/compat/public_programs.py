@@ -1,7 +1,7 @@
 """The names of ROS that public programs use: facts about them, not their text.
 
-Each ran with new imports on a bus with what it listens to; docs/guide/porting-tf2-ros.md has the
-results.
+Each ran with new imports on a bus with the topics that it listens to;
+docs/guide/porting-tf2-ros.md has the results.
 """
 
 # Repository and file, and the names that the program imports, reads and calls.

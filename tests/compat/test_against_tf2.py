@@ -1,7 +1,7 @@
 """The ported buffer against the real tf2: the same names, calls and exceptions, the same answers.
 
-As tests/tf2/test_against_tf2.py does with tfbus's own buffer; what tfbus means to answer
-differently is left out there, and so here.
+As tests/tf2/test_against_tf2.py does with tfbus's own buffer; deliberate differences
+are left out there, and so here.
 """
 
 from random import Random

@@ -1,4 +1,4 @@
-"""The laws that geometry2's own Python tests check of its buffer, and where it differs."""
+"""The laws that geometry2's own Python tests check of its buffer, and the differences."""
 
 import asyncio
 import threading

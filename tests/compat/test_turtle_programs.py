@@ -1,4 +1,4 @@
-"""Programs with ROS's names as processes on a bus: each does what it does under ROS."""
+"""Programs with ROS's names as processes on a bus: each works as under ROS."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A reader who follows a section of a page, and compares what it prints with what the page says."""
+"""A reader who follows a section of a page, and compares the output with the page's."""
 
 import re
 from contextlib import suppress

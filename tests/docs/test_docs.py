@@ -1,19 +1,19 @@
-"""README.md and docs/ keep their word: what they show runs, and prints what they say.
+"""README.md and docs/ keep their word: the shown commands run, and print the shown output.
 
-A section (a `##` heading and what follows) is run from top to bottom as a reader would, in one
+A section (a `##` heading and its text) is run from top to bottom as a reader would, in one
 folder and on a bus of its own. The language of a fenced block decides what happens to it:
 
-    ```console            each `$ ` line is run; what follows it is what it prints, `...` for any
+    ```console            each `$ ` line is run; its output follows it, `...` for any
                           lines, `^C` for the Ctrl-C that ends it
     ```python             is run to its end, as a program
     ```yaml               is a launch file, and read as one
     ```text               is no program
 
-The comment above a block changes that; tests/docs/pages.py lists the comments. What differs
-between two runs (stamps, process ids, ports) is not compared.
+The comment above a block changes that; tests/docs/pages.py lists the comments. Parts that
+differ between two runs (stamps, process ids, ports) are not compared.
 
-Sections run on a simulated bus where they can (tests/docs/simulated_shell.py), and in real shells
-otherwise: those of windows, browsers, routers, pipes, typed keys, and of README.md.
+Sections run on a simulated bus if they can (tests/docs/simulated_shell.py), and in real shells
+otherwise: sections of windows, browsers, routers, pipes, typed keys, and of README.md.
 """
 
 import re

@@ -1,4 +1,4 @@
-"""Each file of examples/ does what its first lines say."""
+"""Each file of examples/ does as its first lines say."""
 
 import ast
 import json

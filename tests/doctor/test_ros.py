@@ -1,4 +1,4 @@
-"""Which ROS the doctor finds around a host, and what it says of it."""
+"""The ROS that the doctor finds around a host, and its finding."""
 
 import socket
 import threading

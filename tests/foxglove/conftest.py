@@ -1,4 +1,4 @@
-"""Streams in the place of sockets, where a test of Foxglove's server is simulated."""
+"""Streams in the place of sockets, if a test of Foxglove's server is simulated."""
 
 from collections.abc import Callable
 from typing import Any

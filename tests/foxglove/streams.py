@@ -1,4 +1,4 @@
-"""Streams between event loops of a simulated network: what a port and its clients have instead of
+"""Streams between event loops of a simulated network, which a port and its clients have instead of
 sockets. All that is above them is asyncio's, websockets' and the server's own.
 """
 

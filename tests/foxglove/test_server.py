@@ -1,4 +1,4 @@
-"""Foxglove's server: what it does while clients come, go, and do not read."""
+"""Foxglove's server, while clients come, go, and do not read."""
 
 import logging
 import os

@@ -1,4 +1,4 @@
-"""The meter of transforms: what it measures of edges and streams on a live bus."""
+"""The meter of transforms: its measurements of edges and streams on a live bus."""
 
 import math
 import time

@@ -1,4 +1,4 @@
-"""The tree of frames as a whole: its texts and pictures, and what is wrong with it."""
+"""The tree of frames as a whole: its texts, pictures and problems."""
 
 import json
 from dataclasses import replace

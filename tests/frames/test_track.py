@@ -1,4 +1,4 @@
-"""Where a frame was over time: speeds and angles of known motions, and files of `tfbus echo`."""
+"""The poses of a frame over time: speeds and angles of known motions, and files of `tfbus echo`."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`explain` where rights on a closed bus are the reason."""
+"""`explain` if rights on a closed bus are the reason."""
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment

@@ -1,4 +1,4 @@
-"""Columns of transforms, and what has been found of them."""
+"""Columns of transforms, and values found for them."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Trajectories in files: what is written is read again, and another file is refused."""
+"""Trajectories in files: a written one is read again, and another file is refused."""
 
 import math
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A trajectory: its arrays, its rows, and what it refuses."""
+"""A trajectory: its arrays, its rows, and refused values."""
 
 import math
 from typing import Any

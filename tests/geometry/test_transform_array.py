@@ -1,4 +1,4 @@
-"""Arrays of transforms do what single transforms do, row by row."""
+"""Arrays of transforms compute as single transforms do, row by row."""
 
 import copy
 import json

@@ -1,8 +1,8 @@
 """An attacker on a closed bus, by Zenoh alone: it obeys no rights.
 
 closed_bus_attacker.py FOLDER GETS [ROUTER]: it takes the certificate in FOLDER, or "tcp" for none,
-sends all that a robot could, and prints what it has read and of whom, as JSON. It goes on until it
-has what GETS says: "links", "transforms" or "nothing", for which it tries some seconds.
+sends all that a robot could, and prints the messages that it has read, with their senders, as JSON.
+It goes on until it has the things of GETS: "links", "transforms" or "nothing", for which it tries some seconds.
 """
 
 import json

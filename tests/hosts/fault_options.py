@@ -1,4 +1,4 @@
-"""A plugin of pytest: how often the test of faults injures its hosts, and from where it starts."""
+"""A plugin of pytest: how often the test of faults injures its hosts, and its seed."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""A listener for the test of faults: prints what it knows, a line of JSON five times a second.
+"""A listener for the test of faults: prints its frames, a line of JSON five times a second.
 
 python fault_witness.py NAME
 """

@@ -1,4 +1,4 @@
-"""Hosts with faults: what can break, how it heals, and what must hold after that."""
+"""Hosts with faults: the faults, their ends, and the promises that hold after that."""
 
 import json
 import random

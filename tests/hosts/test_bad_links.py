@@ -1,5 +1,5 @@
-"""A robot behind a bad link, with its own router: what its listener knows while the link is away,
-loses its connection, or has another address.
+"""A robot behind a bad link, with its own router: the frames of its listener while the link is
+away, loses its connection, or has another address.
 """
 
 from collections.abc import Callable, Iterator

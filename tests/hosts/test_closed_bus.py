@@ -1,5 +1,5 @@
-"""A closed bus over several hosts, by scouting and through a router: who is no member, or a member
-that obeys no rights, changes and reads nothing there.
+"""A closed bus over several hosts, by scouting and through a router: a stranger, or a member that
+obeys no rights, changes and reads nothing there.
 """
 
 import json

@@ -1,4 +1,4 @@
-"""Hosts that are unplugged and routers that restart: what listeners know of their frames."""
+"""Hosts that are unplugged and routers that restart: their frames at listeners."""
 
 import re
 import signal

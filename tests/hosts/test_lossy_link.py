@@ -1,4 +1,4 @@
-"""The bad link of the tests does what it is told: it delays, loses, queues and is away."""
+"""The bad link of the tests follows its settings: it delays, loses, queues and is away."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Launch files: what they mean, and the error for each mistake in one."""
+"""Launch files: their processes, and the error for each mistake in one."""
 
 import os
 import re

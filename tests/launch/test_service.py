@@ -1,4 +1,4 @@
-"""A launch file as a service of systemd: its unit, and what launch tells the manager."""
+"""A launch file as a service of systemd: its unit, and launch's messages to the manager."""
 
 import os
 import signal

@@ -1,4 +1,4 @@
-"""What a node's methods are given is checked at once, and the right call named."""
+"""The arguments of a node's methods are checked at once, and the right call named."""
 
 import math
 from collections.abc import Callable

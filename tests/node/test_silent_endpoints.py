@@ -1,4 +1,4 @@
-"""What a node says of endpoints to connect to that do not answer."""
+"""The log of a node on endpoints to connect to that do not answer."""
 
 import logging
 import re

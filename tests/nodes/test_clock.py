@@ -1,4 +1,4 @@
-"""`tfbus clock`: what it publishes; pausing, setting and changing its rate."""
+"""`tfbus clock`: its messages; pausing, setting and changing its rate."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""`tfbus echo` as a process: what it prints, what it waits for, and how it ends."""
+"""`tfbus echo` as a process: its output, its waits, and its end."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""How joints move by themselves, and what keeps them within their limits."""
+"""Joints that move by themselves, and stay within their limits."""
 
 import math
 from itertools import pairwise

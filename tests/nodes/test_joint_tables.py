@@ -1,4 +1,4 @@
-"""Joint states of CSV files: what is read, and what a mistake says."""
+"""Joint states of CSV files: their columns, and the sentences on mistakes."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`tfbus joints` as a process: where its positions come from, and what follows them."""
+"""`tfbus joints` as a process: the sources of its positions, and the transforms after them."""
 
 import math
 import subprocess

@@ -1,4 +1,4 @@
-"""Meshes for other machines: what is sent, in parts, and what is not."""
+"""Meshes for other machines: the files that are sent, in parts, and refused ones."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`tfbus robot_state` as a process: what it publishes, and what it does with bad input."""
+"""`tfbus robot_state` as a process: its messages, and its answers to bad input."""
 
 import math
 from pathlib import Path

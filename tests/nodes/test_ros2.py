@@ -1,4 +1,4 @@
-"""`tfbus ros2` as a command: what it says of mistakes."""
+"""`tfbus ros2` as a command: its sentences on mistakes."""
 
 from importlib.machinery import ModuleSpec
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""The sliders of joints as text: what they show, and what keys do."""
+"""The sliders of joints as text: their lines, and their keys."""
 
 import re
 import sys

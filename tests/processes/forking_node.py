@@ -1,4 +1,4 @@
-"""A node that hears frames, forks, and hears on: prints what its children met with, and the end.
+"""A node that hears frames, forks, and hears on: prints its children's results, and the end.
 
 python forking_node.py USE...
 """

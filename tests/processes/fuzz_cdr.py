@@ -4,12 +4,12 @@
 
 The seed is printed; with it and the same number of payloads all of them come again. For each it
 holds that the bytes are read or refused by DecodeError, in little memory and in no time; that a
-reader of transforms that has seen other messages reads what a new one reads, one by one and many at
-once; that the codec of any type reads the same rows; and that what is read as a message of a topic
-can be written, and comes back.
+reader of transforms that has seen other messages reads as a new one does, one by one and many at
+once; that the codec of any type reads the same rows; and that a message read of a topic can be
+written, and comes back.
 
-The process may not take more than 512 MB beyond what it has at the start, and ends with a traceback
-where a round takes a minute.
+The process may not take more than 512 MB beyond its memory at the start, and ends with a
+traceback if a round takes a minute.
 """
 
 import argparse

@@ -1,4 +1,4 @@
-"""What the tools show of a buffer and its streams, as the fuzzer left them: all of it, without a
+"""The tools on a buffer and its streams, as the fuzzer left them: all of their output, without a
 screen."""
 
 import logging

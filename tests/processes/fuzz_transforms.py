@@ -3,11 +3,11 @@
     python -m tests.processes.fuzz_transforms --seconds 60 [--seed N] [--payloads 1000000]
 
 The seed is printed; with it and the same number of payloads all of them come again. For each
-payload it holds that nothing is raised, that the fast way to read it finds what the other one
-reads, and that it is counted: as a message, as one that cannot be read, with the reason, or as
+payload it holds that nothing is raised, that the fast way to read it finds the same as the
+other one, and that it is counted: as a message, as one that cannot be read, with the reason, or as
 one of an earlier epoch, or of the future. Each row is taken, or refused for a reason that is
-counted, or too old. And what another publisher has sent is as it was. Spoilt descriptions come
-between the messages, and the tools show what is left of a round.
+counted, or too old. And another publisher's transforms are as before. Spoilt descriptions come
+between the messages, and the tools show the state after a round.
 """
 
 import argparse

@@ -1,5 +1,5 @@
 """Processes for tests of loads: a publisher that sends as much as it is asked to; a listener that
-tells what it has received; and one that takes two milliseconds for each message.
+tells the number of received messages; and one that takes two milliseconds for each message.
 
 python load_roles.py publish|listen|dawdle
 """

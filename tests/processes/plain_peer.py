@@ -1,4 +1,4 @@
-"""A peer without tfbus, in plain Zenoh: sends what a release wrote, and prints what it receives.
+"""A peer without tfbus, in plain Zenoh: sends a release's messages, and prints received ones.
 
     python plain_peer.py FROZEN.json CONFIG ENDPOINT
 

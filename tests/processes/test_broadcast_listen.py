@@ -1,4 +1,4 @@
-"""Broadcasters and listeners: what one node sends is in the buffers of all others."""
+"""Broadcasters and listeners: the transforms of one node are in the buffers of all others."""
 
 import os
 import socket

@@ -1,4 +1,4 @@
-"""Two processes that publish one frame: what is logged, and whose transforms count."""
+"""Two processes that publish one frame: the log, and the transforms that count."""
 
 import signal
 

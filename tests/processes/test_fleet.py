@@ -1,4 +1,4 @@
-"""Robots with equal frame names: apart by their namespaces, and together for who sees the fleet."""
+"""Robots with equal frame names: apart by their namespaces, and together as a fleet."""
 
 import time
 from signal import SIGKILL

@@ -1,4 +1,4 @@
-"""Listeners that ask for what was sent before they came."""
+"""Listeners that ask for transforms from before they came."""
 
 import signal
 import threading

@@ -1,4 +1,4 @@
-"""What a process imports: numpy and others take longer than all else of a node's start."""
+"""The imports of a process: numpy and others take longer than all else of a node's start."""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""A recording outlives what happens to its process and its disk."""
+"""A recording outlives crashes of its process and faults of its disk."""
 
 import os
 import random

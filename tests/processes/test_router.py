@@ -1,4 +1,4 @@
-"""`tfbus router`: who comes and goes, and what a client hears that gets no link."""
+"""`tfbus router`: arrivals and departures, and the error of a client that gets no link."""
 
 import pytest
 

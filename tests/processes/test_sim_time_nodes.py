@@ -1,4 +1,4 @@
-"""Processes under simulated time: how they end, and what they do by it."""
+"""Processes under simulated time: their ends, and their timers."""
 
 from collections.abc import Callable
 from contextlib import suppress

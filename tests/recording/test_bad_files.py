@@ -1,4 +1,4 @@
-"""Files that are cut, spoilt or made to harm: one sentence, and what is left is read."""
+"""Files that are cut, spoilt or made to harm: one sentence, and the rest is read."""
 
 import random
 import struct

@@ -1,4 +1,4 @@
-"""A recording that is damaged in the middle: what is around the damage is read, and it is said."""
+"""A recording that is damaged in the middle: all around the damage is read, and it is said."""
 
 import logging
 import threading

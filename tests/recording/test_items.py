@@ -1,4 +1,4 @@
-"""What a recording holds: values, of which a file of a stranger may have any."""
+"""The items of a recording: values, of which a file of a stranger may have any."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The playhead: where a recording is played, how it goes on, and what commands change."""
+"""The playhead: its place in a recording, its pace, and its commands."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What can be read of recordings that are cut short or damaged."""
+"""The readable parts of recordings that are cut short or damaged."""
 
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Which part of a bus or of a recording is meant."""
+"""The selection of a part of a bus or of a recording."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""What is in force: what a new file, or a replay from the middle, begins with."""
+"""The state in force, with which a new file, or a replay from the middle, begins."""
 
 from pathlib import Path
 

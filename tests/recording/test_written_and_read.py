@@ -1,4 +1,4 @@
-"""What is written comes back, bit by bit, in order of time, from any moment on."""
+"""Written items come back, bit by bit, in order of time, from any moment on."""
 
 import errno
 import math

@@ -1,4 +1,4 @@
-"""Robots for tests: small ones as text, and those that others published, in the folder that
+"""Robots for tests: small ones as text, and robots that others published, in the folder that
 TFBUS_ROBOTS names. Not a test itself.
 """
 

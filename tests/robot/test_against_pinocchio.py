@@ -1,4 +1,4 @@
-"""Every link of robots that others published is where Pinocchio has it."""
+"""Every link of robots that others published has Pinocchio's pose."""
 
 import json
 import re

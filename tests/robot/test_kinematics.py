@@ -1,4 +1,4 @@
-"""Where the links are: laws of forward kinematics, chains, Jacobians and many configurations."""
+"""The poses of links: laws of forward kinematics, chains, Jacobians and many configurations."""
 
 import math
 from typing import Any

@@ -1,4 +1,4 @@
-"""Where meshes are: in packages, beside the URDF, and nowhere else."""
+"""The places of meshes: in packages, beside the URDF, and nowhere else."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Mistakes in a URDF: one sentence each, with the line and the name of what is wrong."""
+"""Mistakes in a URDF: one sentence each, with the line and the name of the element."""
 
 import random
 import re

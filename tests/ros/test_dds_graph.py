@@ -1,4 +1,4 @@
-"""What nodes of ROS 2 tell of themselves over DDS."""
+"""The announcements of nodes of ROS 2 over DDS."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What the client of ROS 1's XML-RPC makes of others than a master."""
+"""The client of ROS 1's XML-RPC at other servers than a master."""
 
 import socket
 import threading

@@ -1,4 +1,4 @@
-"""What keeps definitions, CDR and hashes of tfbus's own: each promise with rosbags beside it.
+"""Why tfbus has definitions, CDR and hashes of its own: each promise with rosbags beside it.
 
 A part of rosbags that fails is expected to, and no failure once it does better: then that part of
 tfbus/ros may give way to it.

@@ -1,4 +1,4 @@
-"""Hashes of message types, against those of ROS itself and of rosbags."""
+"""Hashes of message types, against ROS's own and rosbags'."""
 
 import pytest
 from rosbags.typesys import Stores, get_typestore

@@ -1,4 +1,4 @@
-"""One session of the bus that does what a scenario says, and notes what it observes.
+"""A session of the bus that follows a scenario, and notes its observations.
 
 As a program it reads commands, a line of JSON each, and answers each with a line.
 """

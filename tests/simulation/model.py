@@ -1,7 +1,7 @@
-"""The model of a history: what each process has sent, which the transforms themselves tell.
+"""The model of a history: each process's transforms, which tell it themselves.
 
 The x of a dynamic transform is the number of its series, its y the stamp in seconds. So each answer
-of a lookup says who sent it, in which epoch, and when; one between two series is of neither.
+of a lookup tells its sender, epoch and time; one between two series is of neither.
 """
 
 import itertools

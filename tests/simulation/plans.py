@@ -1,4 +1,4 @@
-"""Plans of histories: what a seed draws before the history runs."""
+"""Plans of histories: the draws of a seed before the history runs."""
 
 import random
 from collections.abc import Iterable

@@ -1,4 +1,4 @@
-"""Scenarios of what applications may observe of Zenoh: each holds in the model and in Zenoh."""
+"""Scenarios of Zenoh as applications observe it: each holds in the model and in Zenoh."""
 
 from collections.abc import Callable
 

@@ -1,4 +1,4 @@
-"""Programs in simulated processes: what each has of its own, and how it ends."""
+"""Programs in simulated processes: each one's own files and arguments, and its end."""
 
 import atexit
 import os

@@ -1,4 +1,4 @@
-"""Links of a simulated network, routers, and what passes them."""
+"""Links of a simulated network, routers, and the messages that pass them."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""On one network with ROS 2: what it sends is neither read nor missed, and not a line is logged."""
+"""On one network with ROS 2: its messages are neither read nor missed, and not a line is logged."""
 
 import logging
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""Which streams a lookup needs, by the frames that all streams list."""
+"""The streams that a lookup needs, by the frames that all streams list."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -1,4 +1,4 @@
-"""Which messages of a stream count, by their epochs."""
+"""The messages of a stream that count, by their epochs."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What streams sent before a listener met them: how long lookups of the past wait for it."""
+"""Transforms sent before a listener met their streams: how long lookups of the past wait."""
 
 import heapq
 import itertools

@@ -1,4 +1,4 @@
-"""Listeners that read only what the lookups of their buffer need."""
+"""Listeners that read only the streams that the lookups of their buffer need."""
 
 import asyncio
 import time

@@ -1,4 +1,4 @@
-"""The frames that a stream lists, and those that it has removed."""
+"""The frames that a stream lists, and removed ones."""
 
 import pytest
 

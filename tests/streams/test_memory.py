@@ -1,4 +1,4 @@
-"""What a listener keeps of those that have left."""
+"""The memory of a listener for streams that have left."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What a listener knows of each stream and key, and what it forgets."""
+"""The state that a listener keeps of each stream and key, and forgets."""
 
 import logging
 

@@ -1,4 +1,4 @@
-"""What a stream keeps of what it sent: as far back as was asked for, and no removed frame."""
+"""The messages that a stream keeps: as far back as was asked for, and no removed frame."""
 
 from hypothesis import given, settings
 from hypothesis import strategies as st

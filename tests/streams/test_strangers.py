@@ -1,4 +1,4 @@
-"""What a process that does not publish a stream can do to it: nothing that lasts."""
+"""A process that does not publish a stream can do nothing to it that lasts."""
 
 import time
 from collections.abc import Iterator

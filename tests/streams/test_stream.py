@@ -1,4 +1,4 @@
-"""Streams: how they number and divide messages, when an epoch begins, what they keep."""
+"""Streams: numbers and division of messages, the begin of an epoch, kept messages."""
 
 import logging
 import re

@@ -1,4 +1,4 @@
-"""Which streams there are: their tokens and descriptions, without their data."""
+"""The streams on the bus: their tokens and descriptions, without their data."""
 
 from collections.abc import Callable, Iterator
 from typing import Any

@@ -1,8 +1,8 @@
 """Random trees, their transforms in time, and questions about them. Not a test itself.
 
-Everything comes from one `random.Random`, so that a seed is a case. What the list of deliberate
-differences is about is left out here (tests/test_tf2_differences.py has it): names with a leading
-slash, stamp 0, quaternions that are not unit, a child that changes between static and dynamic.
+Everything comes from one `random.Random`, so that a seed is a case. The subjects of the list of
+deliberate differences are left out here (tests/test_tf2_differences.py has it): names with a
+leading slash, stamp 0, quaternions that are not unit, a child that changes between static and dynamic.
 """
 
 from collections.abc import Iterator

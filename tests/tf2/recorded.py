@@ -1,4 +1,4 @@
-"""What real robots sent, from the folder that TFBUS_RECORDINGS names. Not a test itself."""
+"""Recordings of real robots, from the folder that TFBUS_RECORDINGS names. Not a test itself."""
 
 import os
 from itertools import pairwise

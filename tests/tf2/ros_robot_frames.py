@@ -1,4 +1,4 @@
-"""What ROS's robot_state_publisher makes of a robot and joint states. Not a test itself.
+"""The transforms of ROS's robot_state_publisher for a robot and joint states. Not a test itself.
 
 Run by a Python that has rospy, with a JSON object on stdin: `urdf`, and `states`, each with
 `stamp_ns`, `names` and `positions`. Prints a JSON object: `static`, rows of parent, child and seven

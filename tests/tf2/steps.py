@@ -1,4 +1,4 @@
-"""What can be put to both tfbus and tf2, one step at a time. Not a test itself.
+"""Calls that can be put to both tfbus and tf2, one step at a time. Not a test itself.
 
 A step knows how to put itself to a `tfbus.Buffer`, how to tell itself to tests/tf2/oracle.py, and
 how to write itself down as Python. Both sides answer with an `Answer`.

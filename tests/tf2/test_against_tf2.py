@@ -1,6 +1,6 @@
 """The buffer against the real tf2: the same transforms, the same questions, the same answers.
 
-tf2 is Debian's python3-tf2, in a process of its own (tf2/oracle.py). Where a random case fails it
+tf2 is Debian's python3-tf2, in a process of its own (tf2/oracle.py). If a random case fails it
 is made small, and printed as a program against tfbus that shows the answer. More lookups with
 `--lookups 100000`, others with `--seed 2`.
 """

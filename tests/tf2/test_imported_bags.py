@@ -1,4 +1,4 @@
-"""Bags of real robots, imported: what is in them is what rosbags reads, and lookups are tf2's."""
+"""Bags of real robots, imported: their contents are as rosbags reads them, lookups as tf2's."""
 
 from pathlib import Path
 from random import Random

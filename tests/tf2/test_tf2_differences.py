@@ -1,6 +1,6 @@
-"""Where tfbus means to answer differently from tf2: one test for each difference.
+"""Deliberate differences from tf2: one test for each.
 
-What is not here is the same: test_against_tf2.py.
+All other answers are the same: test_against_tf2.py.
 """
 
 from math import cos, inf, nan, sin, sqrt

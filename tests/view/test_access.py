@@ -1,4 +1,4 @@
-"""Who gets the page that others can reach."""
+"""Access to the page if others can reach it."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Where the cameras of the page look, and which frame each browser has selected."""
+"""The views of the page's cameras, and the selected frame of each browser."""
 
 import math
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""What `tfbus view` reads and writes, seen in a real Chromium: settings, a robot, pictures."""
+"""The files of `tfbus view`, seen in a real Chromium: settings, a robot, pictures."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""Which names the scene of `tfbus view` shows in a browser, and where its camera starts."""
+"""The names that the scene of `tfbus view` shows in a browser, and its camera's start."""
 
 import math
 

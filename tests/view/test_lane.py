@@ -1,4 +1,4 @@
-"""What a browser gets over a slow link: frames in time, and as many images as there is room for."""
+"""The messages to a browser over a slow link: frames in time, and images as there is room."""
 
 import asyncio
 from types import SimpleNamespace

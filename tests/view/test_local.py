@@ -1,4 +1,4 @@
-"""The page for a buffer of a program: it follows the buffer, and draws what the program adds."""
+"""The page for a buffer of a program: it follows the buffer, and draws the program's shapes."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The meshes that a URDF names, as `tfbus view` reads them: also those of strangers."""
+"""The meshes that a URDF names, as `tfbus view` reads them: also strangers'."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What `tfbus view` shows, tested without a page: states, poses, trails, filters, time."""
+"""The state of `tfbus view`, tested without a page: states, poses, trails, filters, time."""
 
 import re
 import time

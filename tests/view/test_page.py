@@ -1,4 +1,4 @@
-"""The page of `tfbus view` in a real headless Chromium: what people do, and see."""
+"""The page of `tfbus view` in a real headless Chromium: the clicks of people, and their view."""
 
 import re
 from pathlib import Path

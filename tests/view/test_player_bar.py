@@ -1,4 +1,4 @@
-"""What browsers ask of the bar that plays a recording, and what they get."""
+"""Requests of browsers to the bar that plays a recording, and the answers."""
 
 import html
 import json

@@ -1,4 +1,4 @@
-"""`tfbus view --public`: the page in a real Chromium, and what others get of it."""
+"""`tfbus view --public`: the page in a real Chromium, and others' access to it."""
 
 import base64
 import http.client

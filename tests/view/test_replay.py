@@ -1,4 +1,4 @@
-"""A recording as the page shows it: the frames at the cursor are those that a listener had then."""
+"""A recording as the page shows it: the frames at the cursor are as a listener had them then."""
 
 import threading
 from collections.abc import Callable, Iterator

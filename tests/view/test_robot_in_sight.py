@@ -1,4 +1,4 @@
-"""Where the camera of an open page is when a robot comes later, and in parts."""
+"""The camera of an open page when a robot comes later, and in parts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field

@@ -1,4 +1,4 @@
-"""Texts of markers: their colour and size, and that they face each browser where they belong."""
+"""Texts of markers: their colour and size, and that they face each browser in their places."""
 
 from io import BytesIO
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""The marks of a timeline: what the events of a recording say, and its silences."""
+"""The marks of a timeline: the events of a recording, and its silences."""
 
 from collections.abc import Iterable, Sequence
 from itertools import accumulate

@@ -1,4 +1,4 @@
-"""RViz's tools: what a drag or a click on the scene sends, and what it meets there."""
+"""RViz's tools: the message of a drag or a click on the scene, and the place that it meets."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""The list of topics in the tab Data: its order, its robots, and what it finds."""
+"""The list of topics in the tab Data: its order, its robots, and its search."""
 
 import re
 from html import unescape

@@ -1,6 +1,6 @@
-"""What a release writes on the bus, in a file for each: keys, messages and descriptions.
+"""The bytes that a release writes on the bus, in a file for each: keys, messages and descriptions.
 
-    python -m tests.wire.frozen_wire    # writes that of this version
+    python -m tests.wire.frozen_wire    # writes this version's
 
 A file is written again and again until its version is released, and never after that.
 """

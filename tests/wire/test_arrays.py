@@ -1,4 +1,4 @@
-"""Messages with arrays: their bytes, and what a hostile sender may do with them."""
+"""Messages with arrays: their bytes, and hostile senders."""
 
 import struct
 from typing import Any

@@ -1,4 +1,4 @@
-"""Messages of topics and services: dataclasses to bytes and back, and what is refused."""
+"""Messages of topics and services: dataclasses to bytes and back, and refused bytes."""
 
 import re
 from contextlib import suppress

@@ -1,4 +1,4 @@
-"""What streams say of themselves, as it comes in."""
+"""The descriptions of streams, as they come in."""
 
 import msgpack
 import pytest

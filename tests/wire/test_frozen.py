@@ -1,4 +1,4 @@
-"""Releases understand each other: what each wrote is read, and nothing that it wrote is missing."""
+"""Releases understand each other: each one's bytes are read, and no field is missing."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""The messages of the supplied nodes: what can be said, and that it survives the bus."""
+"""The messages of the supplied nodes: their values, which survive the bus."""
 
 import inspect
 import math

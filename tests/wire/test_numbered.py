@@ -1,4 +1,4 @@
-"""Messages of version 2: their bytes, their precision, and what is refused."""
+"""Messages of version 2: their bytes, their precision, and refused bytes."""
 
 import math
 import tracemalloc

@@ -1,4 +1,4 @@
-"""Pages of kept messages: what comes back is what was sent, and nothing bad does more harm."""
+"""Pages of kept messages: sent ones come back, and bad bytes do no more harm."""
 
 import math
 import zlib

@@ -1,4 +1,4 @@
-"""Scanning a message of transforms: it reads what decoding reads, or leaves it to decoding."""
+"""Scanning a message of transforms: it reads the same as decoding, or leaves it to decoding."""
 
 import struct
 from typing import Any

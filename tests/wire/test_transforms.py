@@ -1,4 +1,4 @@
-"""Transforms as bytes: what is written, what is read back, and what is refused."""
+"""Transforms as bytes: written, read back, and refused."""
 
 from typing import Any
 

@@ -182,7 +182,7 @@ class FrameName(_BusName):
     name = "frame"
 
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
-        """The frames of this namespace; with --fleet also of the ones below, named as in a fleet."""
+        """The frames of this namespace; with --fleet also of the ones below, by fleet names."""
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
         from tfbus.wire.fleet import Fleet  # numpy, which most completion does not need

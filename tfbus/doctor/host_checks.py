@@ -17,7 +17,7 @@ _ZENOH = "1.10"
 
 @check("install", needs="bus")
 def check_install(seen: Examination) -> Finding:
-    """tfbus and the packages that it needs are installed."""
+    """tfbus and what it needs are installed."""
     versions = seen.host.versions
     missing = [f"{name} is not installed" for name in _NEEDED if not versions.get(name)]
     fine = f"tfbus {versions.get('tfbus') or '?'} on Python {versions.get('Python', '?')}"

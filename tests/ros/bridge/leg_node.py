@@ -1,4 +1,4 @@
-"""A leg alone: sends a dynamic and a static frame, and prints what it hears and sees, in JSON.
+"""A leg alone: sends a dynamic and a static frame, and prints received messages and nodes, in JSON.
 
 python leg_node.py VIA DYNAMIC STATIC [CONNECT ...]
 """

@@ -2,7 +2,7 @@
 
 rmw_plain_zenoh.py router ENDPOINT, or rmw_plain_zenoh.py node ENDPOINT with two lines of
 hexadecimal digits on its standard input: messages that it publishes, on /tf every 0.1 s, on
-/tf_static once, as rmw_zenoh does. It prints what it hears. All names are written out here.
+/tf_static once, as rmw_zenoh does. It prints received messages. All names are written out here.
 """
 
 import json

@@ -1,6 +1,6 @@
 """A node of pyzeros, an implementation of rmw_zenoh's wire: it publishes and hears /tf.
 
-Run by the Python of its environment: rmw_pyzeros.py ENDPOINT CONFIG. It prints what it hears.
+Run by the Python of its environment: rmw_pyzeros.py ENDPOINT CONFIG. It prints received messages.
 """
 
 import asyncio

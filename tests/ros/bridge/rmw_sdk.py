@@ -2,7 +2,7 @@
 the transforms of /tf_static from before it came.
 
 Run by the Python of its environment: rmw_sdk.py PORT HASH; the definition of the message is on its
-standard input. It prints what it hears. Its process does not end by itself.
+standard input. It prints received messages. Its process does not end by itself.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""A node of ROS 1, run by a Python that has rospy and tf2_ros; what it gets it prints, once each.
+"""A node of ROS 1, run by a Python that has rospy and tf2_ros; it prints messages, once each.
 
 ros1_node.py NAME lookup TARGET SOURCE
-ros1_node.py NAME twist X           (publishes it on cmd_vel, and prints what others publish)
+ros1_node.py NAME twist X           (publishes it on cmd_vel, and prints others' messages)
 ros1_node.py NAME broadcast PARENT CHILD
 """
 

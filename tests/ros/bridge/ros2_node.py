@@ -1,4 +1,4 @@
-"""A node of the real ROS 2: broadcasts, listens, and prints what it hears and sees, in JSON.
+"""A node of the real ROS 2: broadcasts, listens, and prints received messages and nodes, in JSON.
 
 python ros2_node.py NAME [--tf CHILD] [--static CHILD] [--best-effort]
 

@@ -1,4 +1,4 @@
-"""A bridge on a closed bus: what its identity needs, and what is said where it lacks a right."""
+"""A bridge on a closed bus: the rights of its identity, and the sentences if it lacks one."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack

@@ -1,4 +1,4 @@
-"""The leg over DDS where there is nothing but such legs: two in this process, on loopback."""
+"""The leg over DDS without any ROS beside it: two in this process, on loopback."""
 
 import logging
 import socket

@@ -1,4 +1,4 @@
-"""ROS in memory does what a middleware does."""
+"""ROS in memory works as a middleware does."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The leg over rclpy of a ROS that does not say who sent a message, as Jazzy; one in memory."""
+"""The leg over rclpy of a ROS that names no publishers of messages, as Jazzy; one in memory."""
 
 import logging
 import sys

@@ -1,4 +1,4 @@
-"""Who is there in ROS over Zenoh, by the tokens that come and go."""
+"""The graph of ROS over Zenoh, by the tokens that come and go."""
 
 from tfbus.ros.bridge.legs import RosPublisher
 from tfbus.ros.bridge.legs.zenoh import RosGraph

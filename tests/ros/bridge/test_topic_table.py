@@ -1,4 +1,4 @@
-"""Which topics cross, by the table, a file and the command line."""
+"""The topics that cross, by the table, a file and the command line."""
 
 import re
 from pathlib import Path

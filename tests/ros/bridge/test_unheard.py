@@ -1,4 +1,4 @@
-"""What the legs say of publishers in ROS that they cannot hear."""
+"""The legs' warnings of publishers in ROS that they cannot hear."""
 
 from tfbus.ros.bridge.legs import Offer, RosTopic, unheard
 from tfbus.ros.definitions import TF_MESSAGE

@@ -1,4 +1,4 @@
-"""The leg by rmw_zenoh's wire: two of ours, their router, and what strangers send."""
+"""The leg by rmw_zenoh's wire: two of ours, their router, and strangers' messages."""
 
 import json
 import logging

@@ -2,7 +2,8 @@
 
 closed_bus_attacker.py FOLDER GETS [ROUTER]: it takes the certificate in FOLDER, or "tcp" for none,
 sends all that a robot could, and prints the messages that it has read, with their senders, as JSON.
-It goes on until it has the things of GETS: "links", "transforms" or "nothing", for which it tries some seconds.
+It goes on until it has the things of GETS: "links", "transforms" or "nothing", for which it tries
+some seconds.
 """
 
 import json

@@ -2,7 +2,8 @@
 
 Everything comes from one `random.Random`, so that a seed is a case. The subjects of the list of
 deliberate differences are left out here (tests/test_tf2_differences.py has it): names with a
-leading slash, stamp 0, quaternions that are not unit, a child that changes between static and dynamic.
+leading slash, stamp 0, quaternions that are not unit, a child that changes between static and
+dynamic.
 """
 
 from collections.abc import Iterator

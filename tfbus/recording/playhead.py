@@ -102,7 +102,7 @@ class Playhead:
     """The moment of a recording that is played, from `start_ns` to `end_ns`, and at which rate;
     `at_ns` at first, in log times. Safe from any thread.
 
-    `real_ns` is the clock that it goes by, and `wall_ns` the stamps'. `jumps` counts the changes
+    `real_ns` is the clock that it goes by, `wall_ns` that of stamps. `jumps` counts the changes
     that nobody can foresee from the progress before. Raises InvalidArgumentException for a rate
     that is not between 0.001 and 10,000.
     """

@@ -152,7 +152,7 @@ class Guard:
         self._gate = PageGate(names, knows_neighbours=not names, advice="open the view directly")
 
     def check(self, then: Callable[..., Any], connection: Any, request: Request) -> Response | None:
-        """The answer to a request, None for a websocket: `then`'s, or why it is refused."""
+        """The answer to a request, None for a websocket: `then(...)`, or a refusal."""
         host = request.headers.get("Host", "")
         origin = request.headers.get("Origin")
         if reason := self._gate.stranger(host) or self._gate.refusal(origin, host):

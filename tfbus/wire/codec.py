@@ -333,7 +333,7 @@ def _fields_of(message_type: type) -> dict[str, bool]:
 
 
 def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dict[str, Any]:
-    """The fields of a message in ROS's layout or ours; None for its type's. Arrays are
+    """The fields of a message in ROS's layout or ours; None for the type's own. Arrays are
     arrays, or `in_bytes` their memory.
     """
     if hasattr(message, "__bus_map__"):

@@ -173,7 +173,7 @@ STREAM_VERSION = 1
 class StreamDescription(Struct):
     """A stream: the node that publishes it (full name), since when, and its frames.
 
-    `v` is the version of this map. `epoch` is its messages', in ns. `frames` are rows of
+    `v` is the version of this map. Its messages have the `epoch`, in ns. `frames` are rows of
     parent, child and whether the transform is static. `host`, `pid` and `session` (of Zenoh) are
     the node's. With `split` each frame has a key of its own. The stream keeps dynamic messages of
     the last `history_s` seconds. `started_ns` is when the node started, its first epoch; 0 if

@@ -71,7 +71,7 @@ def stream_key(stream: str) -> str:
 
 
 def may_describe(key: str) -> bool:
-    """Whether a key is of the token and the description of a stream, in any namespace."""
+    """Whether a key has the token and the description of a stream, in any namespace."""
     return "/@tfbus/stream/" in f"/{key}"
 
 

@@ -306,7 +306,7 @@ def _column(columns: dict[str, Any], name: str, size: int, numbers: str) -> byte
 
 
 def _little_endian(column: bytes, numbers: str) -> bytes:
-    """The numbers of a column from this machine's byte order into the messages', or back."""
+    """The numbers of a column from this machine's byte order into messages' order, or back."""
     if sys.byteorder == "little":
         return column
     swapped = array(numbers, column)

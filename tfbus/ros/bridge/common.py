@@ -29,7 +29,7 @@ class BridgeOptions:
     `frames` are patterns of child frames as the bus names them, such as `robot1/*`: given, only
     these cross. `frame_prefix` is put before the names of frames that come from ROS, and taken off
     names that go there. `rate_limit_hz` is how often a frame goes at most, in each direction.
-    `ros_namespace` is ROS's topics': "robot1" for /robot1/tf. With `clock` "auto" the side
+    `ros_namespace` holds for topics in ROS: "robot1" for /robot1/tf. With `clock` "auto" the side
     that has a clock gives it to the other.
     """
 

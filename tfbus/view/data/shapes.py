@@ -30,7 +30,7 @@ _POINT_M = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for the settings', or
+    """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for the settings' width, or
     `size_px` pixels unless that is 0. `span` has the numbers of the first and the last colour,
     if numbers are coloured.
     """

@@ -237,8 +237,8 @@ class Subscription(NodeEndpoint, Generic[M]):
         self._hand_over(message)
 
     def _hand_over(self, *messages: M, most_beside: int = 0) -> None:
-        """Let the callback have messages. Those that come together do not drop each other, unless
-        more than `most_beside` wait that way.
+        """Let the callback have messages. Messages that come together do not drop each other,
+        unless more than `most_beside` wait that way.
         """
         for number, message in enumerate(messages):
             with self._lock:

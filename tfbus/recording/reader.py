@@ -464,7 +464,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     @cached_property
     def _static_changes(self) -> dict[str, list[int]]:
-        """When each stream got another static set, by its name. What a further file begins with is
+        """When each stream got another static set, by its name. The sets that a further file begins with are
         none, as it repeats what is in force.
         """
         found: dict[str, list[int]] = {}

@@ -180,8 +180,9 @@ def exported(recording: Recording, pair: tuple[str, str], stamp_ns: int) -> Tran
     return poses_at(recording, *pair, np.array([stamp_ns]))[0]
 
 
-# Each third is of another kind.
-DRAWS = [(seed, {"late": seed % 3 > 0, "damaged": seed % 3 == 2}) for seed in range(examples(12))]
+# One of each kind comes first.
+SEEDS = (0, 4, 9, 1, 5, 10, 2, 6, 11, 3, 7, 8)
+DRAWS = [(seed, {"late": seed > 3, "damaged": seed > 8}) for seed in SEEDS[: examples(12)]]
 
 
 @pytest.fixture(params=DRAWS, ids=lambda draw: f"{draw[0]}")

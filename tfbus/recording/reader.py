@@ -464,8 +464,8 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     @cached_property
     def _static_changes(self) -> dict[str, list[int]]:
-        """When each stream got another static set, by its name. The sets that a further file begins with are
-        none, as it repeats what is in force.
+        """When each stream got another static set, by its name. The sets at the beginning of a
+        further file are none, as it repeats the sets in force.
         """
         found: dict[str, list[int]] = {}
         known: set[RecordedStream] = set()

@@ -476,6 +476,18 @@ def test_the_set_of_a_former_process_is_lacking_until_that_of_the_next_comes(
     assert (stream.statics.are_lacking(), received.x_of("post")) == (False, 3)
 
 
+def test_a_late_set_is_lacking_of_the_first_process_that_a_listener_meets(
+    received: Received,
+) -> None:
+    """The process of the set has ended before the listener began."""
+    stream, frames = received.stream, frozenset({"post"})
+    stream.describe(2, frames, frames, ("/sim", 2, "b"), confirmed=True)
+    received.send_static(at(1, "post"), epoch_ns=1)
+    assert stream.statics.are_lacking()
+    received.send_static(at(2, "post"), epoch_ns=2)
+    assert not stream.statics.are_lacking()
+
+
 def test_a_set_of_statics_that_comes_late_does_not_replace_a_newer_one(received: Received) -> None:
     """By their numbers, an older set that was asked for is not taken for the last."""
     for x, seq in ((2, 2), (1, 1)):

@@ -250,8 +250,8 @@ class StreamReception:
             return
         self.numbers = numbers
         with facts.lock:
-            if publisher is not None and facts.listing.publisher not in (None, publisher):
-                facts.static_set.expire_before(started_ns or epoch_ns)
+            if publisher is not None and facts.listing.publisher != publisher:
+                facts.static_set.expire_before(min(started_ns or epoch_ns, epoch_ns))
             removed = facts.listing.replace(epoch_ns, children, publisher)
             found = statics - facts.static_set.listed
             facts.static_set.listed = statics

@@ -34,6 +34,12 @@ LOG = logging.getLogger("test")
 DESCRIBED = {"sim": description([("world", "turtle1", False), ("world", "mast", True)])}
 
 
+@pytest.fixture(autouse=True)
+def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Recorders look at what came at once, not every 0.4 s: no test is about that time."""
+    monkeypatch.setattr("tfbus.bag.recorder._LOOK_EVERY_S", 0.01)
+
+
 def a_source(*, static: bool = False) -> TransformSource:
     return TransformSource("sim", "", DESCRIBED, TransformReader(), static=static)
 

@@ -23,7 +23,7 @@ from tfbus.testing.of_python import random_numbers_of, standing_in
 from tfbus.testing.primitives import scheduler_names
 from tfbus.testing.processes import OUTSIDE, START_NS, Host, Process, ProcessTable
 from tfbus.testing.programs import Program, main_of_command, module_of
-from tfbus.testing.tasks import SimulationError, Task, Tasks
+from tfbus.testing.tasks import SimulationError, Task, Tasks, on_one_cpu
 
 # How often a condition is looked at while the network runs.
 _LOOK_EVERY_S = 0.005
@@ -69,6 +69,7 @@ class Network:
         self.tasks.main.place = self._table.add(self.outside, "main")
         names = scheduler_names(self.tasks)
         with ExitStack() as stack:
+            stack.enter_context(on_one_cpu())
             stack.enter_context(without_settings())
             stack.enter_context(random_numbers_of(self.seed))
             stack.enter_context(scheduler.replaced_by(names))

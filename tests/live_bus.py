@@ -117,8 +117,10 @@ class Process:
 
     def kill(self) -> None:
         """End it and all its children, whatever they do."""
-        with suppress(ProcessLookupError):
-            os.killpg(self.pid, SIGKILL)
+        # Once it was waited for, another process may have its number: then no child of it is left.
+        if self.popen.poll() is None or not Path(f"/proc/{self.pid}").exists():
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, SIGKILL)
         self.popen.wait(DEADLINE_S)
 
 

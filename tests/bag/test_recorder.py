@@ -36,8 +36,9 @@ DESCRIBED = {"sim": description([("world", "turtle1", False), ("world", "mast", 
 
 @pytest.fixture(autouse=True)
 def _looks_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Recorders look at what came at once, not every 0.4 s: no test is about that time."""
+    """Recorders look at what came, and flush it, at once: no test is about these times."""
     monkeypatch.setattr("tfbus.bag.recorder._LOOK_EVERY_S", 0.01)
+    monkeypatch.setattr("tfbus.bag.recorder._FLUSH_EVERY_S", 0.02)
 
 
 def a_source(*, static: bool = False) -> TransformSource:

@@ -97,8 +97,8 @@ def test_a_waiter_fails_as_soon_as_its_time_has_fallen_out():
     buffer.set_transform(moved(0, "robot", "arm"))
     lookup = InAThread(lambda: buffer.lookup_transform("world", "arm", S // 2, timeout_s=600.0))
     waiting(buffer)
-    buffer.set_transform(moved(9 * S, "world", "robot"))
-    buffer.set_transform(moved(10 * S, "world", "robot"))
+    # At once: of a single sample the reason would be another.
+    buffer.set_transforms([moved(9 * S, "world", "robot"), moved(10 * S, "world", "robot")])
     assert isinstance(lookup.result(), PastExtrapolationException)
 
 

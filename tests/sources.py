@@ -1,4 +1,4 @@
-"""What source files say: their imports and docstrings, each file parsed once."""
+"""Imports and docstrings of source files, each parsed once."""
 
 import ast
 from functools import cache

@@ -120,7 +120,7 @@ def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:
 
 
 def test_a_listener_that_was_stopped_gives_others_time(network: Network) -> None:
-    """A process that did not run for a while takes nobody for gone or stale by that: neither at
+    """A process that did not run for a while takes no publisher for gone or stale: neither at
     once nor later, but the publisher and the node that left meanwhile, and them soon.
     """
     _tree(network, "robot", "arm")

@@ -1,4 +1,4 @@
-"""What a buffer tells of its frames by changes, held against what it has."""
+"""Changes that a buffer tells of its frames, compared with its frames."""
 
 from typing import Any
 

@@ -685,7 +685,7 @@ def test_a_static_frame_can_become_dynamic(sender: Node, receiver: Node, buffer:
 
 
 def test_a_dynamic_send_does_not_wait_for_a_static_one(sender: Node) -> None:
-    """What is retained waits for a full link; new frames and a new epoch are sent meanwhile."""
+    """Retained messages wait for a full link; new frames and a new epoch are sent meanwhile."""
     broadcaster, statics = TransformBroadcaster(sender), StaticTransformBroadcaster(sender)
     broadcaster.send_transform(at(1.0, "base", stamp_ns=10 * S))
     waits, has_room, sent = scheduler.Event(), scheduler.Event(), list[str]()

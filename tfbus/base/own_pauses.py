@@ -19,7 +19,7 @@ _LATE_S = 0.5
 _LINKED_WITHIN_S = 5.0
 
 # A process that pauses over and over waits for others so many times, and then judges them.
-_MOST_TIMES = 3
+MOST_TIMES = 3
 
 
 class OwnPauses:
@@ -48,7 +48,7 @@ class OwnPauses:
         delay_s: float,
         judge: Callable[[], object],
         *,
-        times: int = _MOST_TIMES,
+        times: int = MOST_TIMES,
     ) -> None:
         """Judge others on this executor after so many seconds, and later after a pause."""
 

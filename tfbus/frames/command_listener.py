@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from tfbus.base import scheduler
 from tfbus.base.clock import SYSTEM_CLOCK, Pace
 from tfbus.base.errors import TimeoutException
-from tfbus.base.own_pauses import own_pauses
+from tfbus.base.own_pauses import MOST_TIMES, own_pauses
 from tfbus.base.stamps import MOST_AHEAD_NS
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph_watch import GraphWatch
@@ -39,9 +39,6 @@ _ASK_STREAMS_EVERY_S = 5.0
 _ANSWER_WITHIN_S = 1.0
 
 _NO_FRAMES = Buffer()
-
-# A process that pauses over and over waits for others so many times.
-_MOST_WAITS = 3
 
 # Samples that are so old are of another time, or nothing comes.
 _ODD_BEHIND_S = 2.0
@@ -80,7 +77,7 @@ class Listening:
         not heard, at most three times; whether it had to wait.
         """
         waits = 0
-        while waits < _MOST_WAITS and (left_s := own_pauses().left_s()):
+        while waits < MOST_TIMES and (left_s := own_pauses().left_s()):
             waits += 1
             if not self.node.wait(left_s, clock=SYSTEM_CLOCK):
                 raise KeyboardInterrupt

@@ -35,6 +35,8 @@ _FAILED_ONCE = (
     (SMALL, 5973, ()),
     # The same, of a listener that had begun in between.
     (SMALL, 105, ()),
+    # A stopped listener had the word of an ended process wait, and could not reach its successor.
+    (SMALL, 625873032276, (0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 30)),
 )
 
 

@@ -498,8 +498,12 @@ class StreamWatch:
     def _ask_owner(
         self, state: StreamState, description: StreamDescription, challenger: str
     ) -> None:
-        """Have another session take the stream over, unless its owner answers."""
-        key, owner, answers = state.key, state.owner, False
+        """Have another session take the stream over, if it answers and the owner does not.
+
+        Its description may be of before it ended: it has waited while this process was stopped.
+        """
+        key, owner = state.key, state.owner
+        answering: set[str] = set()
         if key in self._challenges or len(self._challenges) >= _MOST_CLAIMS or self._closed:
             return
 
@@ -507,17 +511,17 @@ class StreamWatch:
             ask_for_description(self._session, key, turn, on_answer, on_end)
 
         def on_answer(answer: Answer) -> None:
-            nonlocal answers
-            answers |= answer.refusal is None and answer.sender == owner
+            if answer.refusal is None and answer.sender in (owner, challenger):
+                answering.add(answer.sender)
 
         def forget() -> None:
             self._challenges.pop(key, None)
 
         def on_over() -> None:
             self._executor.after(_CLAIMS_APART_S, forget)
-            if answers:
+            if owner in answering:
                 self._reject(state.name, "the session that publishes the stream is there, too")
-            elif not self._closed and self._state(key).owner == owner:
+            elif challenger in answering and self._state(key).owner == owner and not self._closed:
                 self._take_description(key, description, challenger, owner_is_silent=True)
 
         asking = self._challenges[key] = AskUntil(
@@ -525,7 +529,7 @@ class StreamWatch:
             _WHAT,
             _CLAIM_PAUSES,
             ask=ask,
-            is_settled=lambda: self._closed or answers,
+            is_settled=lambda: self._closed or owner in answering,
             on_over=on_over,
         )
         asking.start()

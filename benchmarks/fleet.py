@@ -63,8 +63,8 @@ class Fleet:
             self._sites_at.append(f"tcp/127.0.0.1:{free_port()}")
             self.sites.append(self._open(self._sites_at[-1], self.hub_at))
             self.senders.append(self.publish(first, min(A_SITE, robots - first)))
-        for sender in self.senders:
-            sender.hear()
+            # All at once they would leave the routers no CPU, and lose their links.
+            self.senders[-1].hear()
 
     def _open(self, listen: str, connect: str) -> Process:
         """A router, which others take for silent after the lease."""
@@ -97,12 +97,12 @@ class Fleet:
 
     def restart_hub(self) -> None:
         """Kill the hub, and start it again."""
-        self.hub.signal(signal.SIGKILL)
+        self.hub.kill()
         self.hub = self._open(self.hub_at, "")
 
     def restart_site(self) -> None:
         """Kill the router of the first site, and start it again."""
-        self.sites[0].signal(signal.SIGKILL)
+        self.sites[0].kill()
         self.sites[0] = self._open(self._sites_at[0], self.hub_at)
 
 
@@ -163,7 +163,7 @@ def _changes(fleet: Fleet, listeners: Sequence[Process]) -> Iterator[str]:
     yield _known(listeners, Awaited(names), since_s=new.hear())
     new.signal(signal.SIGSTOP)
     yield _known(listeners, Awaited(names, gone=True))
-    new.signal(signal.SIGKILL)
+    new.kill()
     for restart, count in ((fleet.restart_hub, fleet.robots), (fleet.restart_site, A_SITE)):
         restart()
         names = [f"robot{number}" for number in range(min(count, fleet.robots))]

@@ -7,11 +7,12 @@ standard input ends.
 
 import json
 import os
+import random
 import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkstemp
 from typing import Any
@@ -23,6 +24,10 @@ _SPEECH = sys.stdout
 
 # There is no router: peers find each other at one endpoint.
 _CONFIG = "{scouting: {multicast: {enabled: false}}, timestamping: {enabled: true}}"
+
+
+# Below the ports that Linux and Windows give outgoing connections.
+_PORTS = (10_000, 32_000)
 
 
 class Place:
@@ -107,6 +112,11 @@ class Process:
         """Send it a signal."""
         self._popen.send_signal(number)
 
+    def kill(self) -> None:
+        """Kill it, and wait until it has ended."""
+        self._popen.kill()
+        self._popen.wait()
+
     def hear(self) -> Any:
         """The next thing that it says."""
         assert self._popen.stdout is not None
@@ -125,10 +135,13 @@ class Process:
 
 
 def free_port() -> int:
-    """A free port of loopback."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port: int = server.getsockname()[1]
-    return port
+    """A free port of loopback that the system gives no outgoing connection: a process that is
+    killed can be started there again.
+    """
+    while True:
+        with suppress(OSError), socket.create_server(("127.0.0.1", random.randrange(*_PORTS))) as s:
+            port: int = s.getsockname()[1]
+            return port
 
 
 def say(thing: Any) -> None:

@@ -13,10 +13,11 @@ from tests.simulated_bus import Bus
 from tfbus import Node
 from tfbus.base import scheduler
 from tfbus.bus.graph_watch import GraphWatch
-from tfbus.bus.query import Query
+from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.messages import Pose, Twist
 from tfbus.testing.network import Network
+from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key
 
@@ -223,6 +224,10 @@ class NoNodes:
         self.asked += 1
         on_end()
 
+    def living_later(self, key: str, on_end: Callable[[list[str]], None]) -> None:
+        """No token is there."""
+        on_end([])
+
 
 @pytest.mark.usefixtures("network")
 def test_tokens_that_come_and_go_make_one_question_wait() -> None:
@@ -247,3 +252,107 @@ def test_tokens_that_come_and_go_make_one_question_wait() -> None:
     scheduler.sleep(30.0)
     assert session.asked == asked
     watch.close()
+
+
+class OneName(NoNodes):
+    """A session in which the processes of one node come and go; their answers may be held back."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.present: list[str] = []
+        self.is_holding = False
+        self._held: list[Callable[[], None]] = []
+
+    def ask_later(self, key: str, payload: None, on_answer: Any, on_end: Any, **_: Any) -> None:
+        """Answer for all that are there now, at once or on `release`."""
+        nodes = [
+            NodeDescription("/sim", "host", 1, "1", session, number, (), (), {}, {}, {}, {})
+            for number, session in enumerate(self.present)
+        ]
+
+        def answer() -> None:
+            for node in nodes:
+                on_answer(Answer(NODE, encode_message(node)))
+            on_end()
+
+        self.asked += 1
+        self._held.append(answer)
+        if not self.is_holding:
+            self.release()
+
+    def release(self) -> None:
+        """Let the answers come that were held back."""
+        self.is_holding = False
+        while self._held:
+            self._held.pop(0)()
+
+    def living_later(self, key: str, on_end: Callable[[list[str]], None]) -> None:
+        """The token is there as long as a process is."""
+        on_end([key] if self.present else [])
+
+
+NODE = "@tfbus/node/sim"
+
+
+@pytest.fixture
+def one_name(network: Network) -> Iterator[tuple[OneName, Callable[[], list[str]]]]:
+    """A session with the process `first` of a node; the processes that a watch lists."""
+    session = OneName()
+    watch = GraphWatch(cast(Session, session), LOG)
+    session.present = ["first"]
+    session.on_token(NODE, True)
+
+    def listed() -> list[str]:
+        return [each.session for each in watch.nodes()]
+
+    eventually(lambda: listed() == ["first"])
+    # Past the questions to all nodes with which a watch begins.
+    scheduler.sleep(12.0)
+    yield session, listed
+    watch.close()
+
+
+def test_a_node_that_restarts_twice_is_listed_once(
+    one_name: tuple[OneName, Callable[[], list[str]]],
+) -> None:
+    """Also if the watch hears of the end and the next begin at the same time."""
+    session, listed = one_name
+    for process in ("second", "third"):
+        session.present = [process]
+        session.on_token(NODE, False)
+        session.on_token(NODE, True)
+        scheduler.sleep(0.9)
+        assert listed() == [process]
+
+
+def test_a_late_answer_of_a_process_that_has_ended_lists_it_no_more(
+    one_name: tuple[OneName, Callable[[], list[str]]],
+) -> None:
+    """It was sent before the node began again."""
+    session, listed = one_name
+    session.is_holding = True
+    before = session.asked
+    eventually(lambda: session.has_asked_since(before))
+    for alive in (False, True):
+        session.on_token(NODE, alive)
+        scheduler.sleep(0.001)
+    session.present = ["second"]
+    session.release()
+    scheduler.sleep(0.9)
+    assert listed() == ["second"]
+
+
+def test_the_end_of_a_process_may_be_told_after_the_begin_of_the_next(
+    one_name: tuple[OneName, Callable[[], list[str]]],
+) -> None:
+    """They come on two threads; the node is there as long as its token is."""
+    session, listed = one_name
+    session.present = ["second"]
+    session.on_token(NODE, True)
+    session.on_token(NODE, False)
+    scheduler.sleep(0.9)
+    assert listed() == ["second"]
+    session.present = []
+    session.on_token(NODE, False)
+    scheduler.sleep(0.9)
+    assert listed() == []

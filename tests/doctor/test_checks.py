@@ -257,7 +257,11 @@ TROUBLES = {
         "fail",
         "is a loop, made by",
     ),
-    "orphans": (with_tree(alone(), STREAM), "warn", "'map' is alone"),
+    "orphans": (
+        with_tree(alone(), replace(STREAM, frames=(*STREAM.frames, ("map", "dock", False)))),
+        "warn",
+        "'map' is alone",
+    ),
     "disconnected": (
         with_tree(apart(), STREAM),
         "warn",

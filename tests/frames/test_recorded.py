@@ -1,5 +1,6 @@
 """The frames at a moment of a recording: as a listener had them then."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ from tfbus import Fleet
 from tfbus.frames.document import as_map
 from tfbus.frames.moment import state
 from tfbus.frames.recorded import RecordedFrames
-from tfbus.recording.items import EventItem, EventKind, TopicItem
+from tfbus.recording.items import EventItem, EventKind, Item, TopicItem
 from tfbus.recording.reader import RecordingReader
 
 SIM, ARM = publisher("sim"), publisher("arm")
@@ -112,6 +113,98 @@ def test_to_go_on_to_a_moment_is_to_seek_it(recording: RecordingReader, seconds:
     assert [frame["newest_ns"] for frame in as_map(sought.tree())["frames"]] == [
         frame["newest_ns"] for frame in as_map(played.tree())["frames"]
     ]
+
+
+# What becomes of frame `a` of sim, which sends it from 0 s on, and of its parent `world`.
+OTHER = publisher("other")
+DYNAMIC, STATIC = ("world", "a", False), ("world", "a", True)
+AS_STATIC = [described(OTHER, 3.0, STATIC), statics(OTHER, 3.1, ("world", "a", 2.0))]
+AS_DYNAMIC = [described(OTHER, 3.0, DYNAMIC), *steadily(OTHER, 3.1, 4.9, ("world", "a"))]
+NO_STATICS = statics(OTHER, 5.0, seq=1)
+SENT = [described(SIM, 0.0, DYNAMIC), *steadily(SIM, 0.0, 3.0, ("world", "a"))]
+SET = [described(SIM, 0.0, STATIC), statics(SIM, 0.0, ("world", "a", 1.0))]
+FATES: dict[str, tuple[list[Item], set[str]]] = {
+    "removed": ([*SENT, described(SIM, 4.0)], set()),
+    "removed static": ([*SET, described(SIM, 4.0), statics(SIM, 4.0, seq=1)], set()),
+    "moved": (
+        [*SENT, described(SIM, 4.0, ("map", "a", False)), *steadily(SIM, 4, 50, ("map", "a"))],
+        {"a"},
+    ),
+    "gone": ([*SENT, gone(SIM, 4.0)], {"a", "world"}),
+    # Its publisher lists it, and does not send it again.
+    "removed as a static of another": (
+        [*SENT, *AS_STATIC, described(OTHER, 4.9), NO_STATICS],
+        {"world"},
+    ),
+    "removed as a static of another before it says so": (
+        [*SENT, *AS_STATIC, NO_STATICS, described(OTHER, 5.1)],
+        {"world"},
+    ),
+    "removed by another": ([*SENT, *AS_DYNAMIC, described(OTHER, 5.0)], {"world"}),
+    "gone, then removed by another": (
+        [*SENT, gone(SIM, 3.05), *AS_STATIC, described(OTHER, 5.0), NO_STATICS],
+        set(),
+    ),
+    "sent again before another removes it": (
+        [*SENT, *AS_STATIC, sent(SIM, 4.0, ("world", "a", 0.0)), described(OTHER, 5.0), NO_STATICS],
+        {"a", "world"},
+    ),
+    "static of two, removed by one": (
+        [*SET, *AS_STATIC, described(OTHER, 5.0), NO_STATICS],
+        {"a", "world"},
+    ),
+}
+
+
+@pytest.mark.parametrize("has_index", [True, False])
+@pytest.mark.parametrize("fate", FATES)
+def test_a_moment_has_the_frames_of_a_listener_that_was_there_all_along(
+    tmp_path: Path, fate: str, has_index: bool
+) -> None:
+    """Soon after, and after the cache's time; also in a file that was cut off."""
+    items, shown = FATES[fate]
+    map_ = publisher("map")
+    path = write(
+        tmp_path / "run.mcap",
+        described(map_, 0.0, ("map", "base", False)),
+        steadily(map_, 0.0, 50.0, ("map", "base")),
+        items,
+    )
+    if not has_index:
+        cut_off(path)
+    with RecordingReader(path) as reader:
+        assert reader.is_complete == has_index
+        for seconds in (8.0, 30.0):
+            sought, played = RecordedFrames(reader), RecordedFrames(reader)
+            sought.seek(at(seconds))
+            played.seek(reader.start_ns)
+            played.advance(at(seconds))
+            assert states(sought) == states(played)
+            assert states(sought).keys() == {"map", "base"} | shown
+
+
+def test_a_frame_silent_for_an_hour_is_shown_without_an_index(tmp_path: Path) -> None:
+    """A file that was cut off gives the same answers as a whole one, however long ago it was."""
+    map_ = publisher("map")
+    path = write(
+        tmp_path / "run.mcap",
+        SENT,
+        described(map_, 0.0, ("map", "base", False)),
+        steadily(map_, 0.0, 3700.0, ("map", "base"), rate_hz=0.5),
+    )
+    cut_off(path)
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(3650.0))
+        assert not reader.is_complete
+        assert states(frames)["a"] == "stale"
+
+
+def cut_off(path: Path) -> None:
+    """Take the end of a file away, with its index, as a power cut does."""
+    with RecordingReader(path) as reader:
+        last = max(chunk.offset + chunk.length for part in reader.parts for chunk in part.chunks)
+    os.truncate(path, last)
 
 
 def test_to_go_back_is_to_seek(recording: RecordingReader) -> None:

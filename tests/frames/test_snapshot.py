@@ -115,12 +115,20 @@ class TestProblems:
         assert "1 frame below it" in problem.text and "tree of 'map'" in problem.text
 
     def test_a_frame_alone(self) -> None:
-        """A frame without any edge is an orphan."""
+        """A frame without any edge is an orphan if a living stream lists it."""
         buffer = buffer_of(("map", "a"), ("lost", "b"))
         buffer.remove("b")
-        (problem,) = self.problems(buffer)
-        assert (problem.kind, problem.frames) == ("orphan", ("lost",))
-        assert problem.text.startswith("'lost' is alone")
+        orphan, silent = self.problems(buffer, stream("sim", ("lost", "b")))
+        assert (orphan.kind, orphan.frames) == ("orphan", ("lost",))
+        assert orphan.text.startswith("'lost' is alone")
+        assert silent.frames == ("b",)
+
+    def test_a_parent_without_children_is_not_shown(self) -> None:
+        """It was known by the edge to its last child, which is not there any more."""
+        buffer = buffer_of(("map", "a"), ("lost", "b"))
+        buffer.remove("b")
+        assert tree_of(buffer).frames.keys() == {"map", "a"}
+        assert self.problems(buffer) == []
 
     def test_two_publishers(self) -> None:
         """Two living publishers of one frame are named with their nodes, hosts and parents."""

@@ -51,7 +51,7 @@ def _alive_at_once(watch: StreamWatch, key: str, alive: bool, came_s: float) -> 
     """A token that is back is taken for the process of before, with its description."""
     _take_token(watch, key, alive, came_s)
     if alive:
-        watch._take_back(key)
+        watch._states.take_back(key)
 
 
 def _nothing_removed(listing: Listing, epoch_ns: int) -> frozenset[str]:

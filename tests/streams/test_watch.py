@@ -19,7 +19,7 @@ from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.query import Answer, Pauses
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
-from tfbus.streams import watch
+from tfbus.streams import description_queries, stream_states
 from tfbus.streams.info import StreamState
 from tfbus.streams.watch import StreamWatch
 from tfbus.wire.codec import encode_message
@@ -28,7 +28,7 @@ from tfbus.wire.descriptions import StreamDescription
 
 def ask_after(monkeypatch: pytest.MonkeyPatch, pauses: Pauses) -> None:
     """Watches ask for descriptions after these pauses from now on."""
-    monkeypatch.setattr(watch, "_PAUSES", pauses)
+    monkeypatch.setattr(description_queries, "_PAUSES", pauses)
 
 
 class Watching:
@@ -152,7 +152,7 @@ def test_a_missing_description_is_asked_for_again_and_again(
         asked.append(key)
         on_end()
 
-    monkeypatch.setattr(watch, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "ask_for_description", ask)
     ask_after(monkeypatch, Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
@@ -177,7 +177,7 @@ def test_a_lost_question_is_not_waited_for(
         questions.append(on_answer)
         ends.append(on_end)
 
-    monkeypatch.setattr(watch, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "ask_for_description", ask)
     impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
     ask_after(monkeypatch, impatient)
     lone = bus.node("sim").session.token("@tfbus/stream/lone")
@@ -210,7 +210,7 @@ def test_a_token_that_comes_and_goes_leads_to_one_question_at_a_time(
             others.append(key)
             on_end()
 
-    monkeypatch.setattr(watch, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "ask_for_description", ask)
     ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
@@ -242,7 +242,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
             on_answer(Answer(key, b"nonsense"))
         on_end()
 
-    monkeypatch.setattr(watch, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "ask_for_description", ask)
     ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):
@@ -274,7 +274,7 @@ def test_what_was_counted_of_a_stream_is_forgotten_with_it(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """However many names a peer makes up."""
-    monkeypatch.setattr(watch, "MOST_GONE", 2)
+    monkeypatch.setattr(stream_states, "MOST_GONE", 2)
     watching, session = Watching(bus.node("watcher")), bus.node("sim").session
     for number in range(5):
         key = f"@tfbus/stream/made_up{number}"

@@ -14,7 +14,7 @@ from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import LAN, NodeSettings
-from tfbus.streams import wanted, watch
+from tfbus.streams import description_queries, owners, wanted, watch
 from tfbus.streams.info import StreamState
 from tfbus.streams.watch import StreamWatch
 from tfbus.wire.codec import encode_message
@@ -52,8 +52,9 @@ class Questions:
         self.settings = NodeSettings("listener")
         monkeypatch.setattr(scheduler, "monotonic", lambda: self.now_s)
         monkeypatch.setattr(watch, "own_pauses", OwnPauses)
-        monkeypatch.setattr(watch, "ask_for_description", self.ask)
-        monkeypatch.setattr(watch, "ask_for_descriptions", self.ask_together)
+        monkeypatch.setattr(owners, "ask_for_description", self.ask)
+        monkeypatch.setattr(description_queries, "ask_for_description", self.ask)
+        monkeypatch.setattr(description_queries, "ask_for_descriptions", self.ask_together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
         monkeypatch.setattr(wanted, "ask_who_lists", self.seek)
         self.watch = StreamWatch(
@@ -260,7 +261,7 @@ def test_tokens_without_end_are_asked_about_in_turns(
     questions: Questions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a thousand that never answer a few are asked at a time, and all have their turn."""
-    monkeypatch.setattr(watch, "_MOST_ASKED", 10)
+    monkeypatch.setattr(description_queries, "_MOST_ASKED", 10)
     keys = [f"@tfbus/stream/s{number}" for number in range(1000)]
     for key in keys:
         questions.token(key, True)
@@ -324,7 +325,7 @@ def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(
 ) -> None:
     """An answer waits for the link, where what a publisher sends by itself overtakes it."""
     asked: list[Callable[[Answer], None]] = []
-    monkeypatch.setattr(watch, "ask_for_description", lambda *args: asked.append(args[3]))
+    monkeypatch.setattr(owners, "ask_for_description", lambda *args: asked.append(args[3]))
     former = replace(description(1), session="a")
     removed = replace(description(2), session="b")
     listed = replace(removed, frames=(("world", "robot", False),))

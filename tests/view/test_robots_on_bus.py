@@ -13,6 +13,7 @@ from tests.live_bus import free_port
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet, Node, Robot
 from tfbus.base.errors import ServiceError
+from tfbus.bus.presence import ask_nodes
 from tfbus.messages import JointState, RobotDescription, RobotMesh
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
@@ -211,6 +212,17 @@ def test_a_mesh_that_is_not_here_is_fetched_in_parts_and_again_where_it_changes(
     assert robots.fetch("robot7", "arm.stl", 30.0) == b"2 second version"
     with pytest.raises(MeshError, match="does not name it"):
         robots.fetch("robot7", "/etc/passwd", 30.0)
+
+
+def test_no_client_stays_of_a_robot_whose_meshes_are_here(bus: Bus) -> None:
+    """Robots come and go: the node of a page that stays open calls a service while it fetches."""
+    view, other = bus.node("view"), bus.node("other")
+    robots = RobotsOnBus(view, Fleet())
+    for name in ("robot7", "robot8"):
+        serve_mesh(bus.node("arm", namespace=name), lambda: b"content")
+        robots.fetch(name, "arm.stl", 30.0)
+    calls = {node.name: node.calls for node in ask_nodes(other.session).nodes}
+    assert calls["/view"] == {}
 
 
 def test_a_mesh_that_comes_too_slowly_is_given_up(bus: Bus) -> None:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from itertools import islice
 
@@ -32,6 +33,9 @@ _MORE_S = 2.0
 
 # However often nodes come and go.
 _APART_S = 0.2
+
+# News this soon after a token appeared that it is gone may be about the previous process's token.
+_ENDS_LATE_S = 10.0
 
 # At most as many nodes that have not answered are asked one by one.
 _FEW = 8
@@ -69,14 +73,20 @@ class GraphWatch:
         self._on_nodes = on_nodes
         self._once = LogOnce(log)
         self._key = ALL_NODES_EVERYWHERE if everywhere else ALL_NODES
-        # Tokens that came or were lost, by their keys.
-        self._news: dict[str, bool] = {}
+        # Tokens that came or were lost, by their keys: whether they are there, and whether they
+        # have come since the last look.
+        self._news: dict[str, tuple[bool, bool]] = {}
         self._lock = scheduler.Condition()
         # The keys of the tokens that are there, by the names of their nodes.
         self._living: dict[str, str] = {}
         # By name and session, also the nodes of this session.
         self._nodes: dict[str, dict[str, NodeDescription]] = {}
+        # When the tokens came, by the names of their nodes, and after how many questions.
+        self._began: dict[str, tuple[float, int]] = {}
+        # Nodes whose tokens came though they were known: others may be behind the same names now.
+        self._doubtful: dict[str, str] = {}
         self._told: dict[str, NodeDescription] = {}
+        self._questions = 0
         self._asks = len(_PAUSES_S)
         self._asked_s = self._asked_all_s = -_ALL_EVERY_S
         self._next_ask: tuple[float, Timer] | None = None
@@ -121,19 +131,22 @@ class GraphWatch:
 
     def _on_token(self, key: str, alive: bool) -> None:
         if key in self._news or len(self._news) < _MOST_NODES:
-            self._news[key] = alive
+            has_come = alive or self._news.get(key, (False, False))[1]
+            self._news[key] = alive, has_come
             self._executor.submit("tokens", self._take_tokens, limit=1)
 
     def _take_tokens(self) -> None:
         while self._news:
-            key, alive = self._news.popitem()
+            key, (alive, has_come) = self._news.popitem()
             name = printable(full_name(key, self._session.settings.namespace))
             self._leaving.discard(name)
+            if has_come and (name in self._began or len(self._began) < _MOST_NODES):
+                self._began[name] = scheduler.monotonic(), self._questions
             if not alive and self._pauses.left_s():
                 self._leaving.add(name)
-                self._pauses.after(self._executor, 0.0, partial(self._end_unless_back, name))
+                self._pauses.after(self._executor, 0.0, partial(self._end_unless_back, name, key))
             elif not alive:
-                self._end(name)
+                self._end(name, key)
             elif len(self._living) < _MOST_NODES:
                 self._begin(name, key)
             else:
@@ -144,20 +157,42 @@ class GraphWatch:
     def _begin(self, name: str, key: str) -> None:
         with self._lock:
             self._living[name] = key
+            if name in self._nodes:
+                self._doubtful[name] = key
         self._asks = 0
         # Nodes that come together are asked together.
         self._ask_after(max(_PAUSES_S[0], self._asked_s + _APART_S - scheduler.monotonic()))
 
-    def _end_unless_back(self, name: str) -> None:
+    def _end_unless_back(self, name: str, key: str) -> None:
         if name in self._leaving:
             self._leaving.discard(name)
-            self._end(name)
+            self._end(name, key)
 
-    def _end(self, name: str) -> None:
+    def _end(self, name: str, key: str) -> None:
         with self._lock:
             self._living.pop(name, None)
             self._nodes.pop(name, None)
+            self._doubtful.pop(name, None)
+        began_s, _ = self._began.pop(name, (-_ENDS_LATE_S, 0))
         self._tell(name)
+        if scheduler.monotonic() < began_s + _ENDS_LATE_S:
+            self._check_end(name, key)
+
+    def _check_end(self, name: str, key: str) -> None:
+        """Ask whether a token that was reported gone is still there: the end of a process and the
+        begin of the next come on two threads of Zenoh.
+        """
+
+        def on_end(living: list[str]) -> None:
+            self._executor.submit("a token that was lost", lambda: take(key in living))
+
+        def take(is_there: bool) -> None:
+            # Any news of the token in the meantime is newer.
+            if is_there and key not in self._news and name not in self._living:
+                self._on_token(key, True)
+
+        with suppress(BusError):  # the session is closed
+            self._session.living_later(key, on_end)
 
     # Questions
 
@@ -177,13 +212,20 @@ class GraphWatch:
             self._end_question()
             return
         self._asks += 1
+        self._questions += 1
+        question = self._questions
         queries = self._keys(scheduler.monotonic())
-        # Before a question to all: the nodes that may not answer any more.
-        known = {name: {*each} for name, each in self._nodes.items() if queries == [self._key]}
+        # Before a question to all that have a name: the nodes that may not answer any more.
+        asks_all = queries == [self._key]
+        known = {
+            name: {*each}
+            for name, each in self._nodes.items()
+            if asks_all or self._doubtful.get(name) in queries
+        }
         answered: dict[str, set[str]] = {}
 
         def on_answer(answer: Answer) -> None:
-            self._executor.submit("answers", lambda: self._take_answer(answer, answered))
+            self._executor.submit("answers", lambda: self._take_answer(answer, answered, question))
 
         def on_end() -> None:
             self._executor.submit("answers", end)
@@ -210,7 +252,7 @@ class GraphWatch:
 
     def _keys(self, now_s: float) -> list[str]:
         """The keys to query: all nodes, or changed nodes and nodes that have not answered."""
-        lacking = self._lacking()
+        lacking = [*self._lacking(), *self._doubtful.values()]
         has_many = self._asks < len(_PAUSES_S) and len(lacking) > _FEW
         since_s, self._asked_s = self._asked_s, now_s
         if has_many or now_s - self._asked_all_s >= _ALL_EVERY_S:
@@ -218,14 +260,17 @@ class GraphWatch:
             return [self._key]
         return [changed_selector(self._key, now_s - since_s + _MORE_S), *islice(lacking, _FEW)]
 
-    def _take_answer(self, answer: Answer, answered: dict[str, set[str]]) -> None:
+    def _take_answer(self, answer: Answer, answered: dict[str, set[str]], question: int) -> None:
         try:
             node = None if answer.refusal is not None else read_node(self._session, answer)
         except DecodeError as error:
             self._once.warning(str(error), "%s", error)
             return
-        # The token of one that is not living comes soon, or is lost already.
-        if node is not None and node.name in self._living:
+        # The token of one that is not living comes soon, or is lost already; and an answer to a
+        # question of before the token may be the previous process's.
+        if node is None or question <= self._began.get(node.name, (0.0, 0))[1]:
+            return
+        if node.name in self._living:
             with self._lock:
                 self._nodes.setdefault(node.name, {})[node.session] = node
             answered.setdefault(node.name, set()).add(node.session)
@@ -234,6 +279,7 @@ class GraphWatch:
     def _forget(self, known: dict[str, set[str]], answered: dict[str, set[str]]) -> None:
         """Forget nodes that did not answer, if one of the same name did: no token tells of them."""
         for name in known.keys() & answered.keys():
+            self._doubtful.pop(name, None)
             with self._lock:
                 for session in known[name] - answered[name]:
                     self._nodes.get(name, {}).pop(session, None)

@@ -7,6 +7,7 @@ import json
 import struct
 import threading
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from tfbus.foxglove.server import ServedService, Server
 from tfbus.foxglove.topics import LiveTopics, TransformChannels, json_of, json_schema, values_of
 from tfbus.messages import Twist
 from tfbus.node.node import Node
-from tfbus.node.robot_meshes import RobotMeshes
+from tfbus.node.robot_meshes import fetch_mesh
 from tfbus.node.topic import Publisher
 from tfbus.robot.robot import Robot
 from tfbus.streams.listener import TransformListener
@@ -241,7 +242,7 @@ class LiveBridge(Requests):
         self._connections = Connections()
         self._server = Server(f"tfbus {node.full_name}", self, self._capabilities(teleop), node.log)
         self._transforms = TransformChannels(self._server, node.now_ns, self._once)
-        fetch = RobotMeshes(node).fetch if robot is None else None
+        fetch = partial(fetch_mesh, node) if robot is None else None
         self._robots = ShownRobots(self._once, package_path, fetch)
         shown = self._shown if robot is None else None
         self._robot = None if robot is None else GivenRobot(self._server, self._robots, robot)

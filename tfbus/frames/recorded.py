@@ -56,9 +56,8 @@ if TYPE_CHECKING:
 
 S = 1_000_000_000
 
-# A frame may have been silent for longer than the cache keeps: in a recording without an index its
-# last samples are looked for in this time, and the next ones.
-_MOST_BACK_S = 1200
+# The next sample of a frame is looked for in this time.
+_MOST_AHEAD_S = 1200
 
 
 @dataclass(frozen=True)
@@ -213,9 +212,10 @@ class RecordedFrames:
 
     def _last_of_the_silent(self, before_ns: int) -> list[Item]:
         """The last messages of frames that are listed, or were, and of which there is none, or none
-        of this stream where several list one: the last to send counts.
+        of this stream where several list one: the last to send counts, and may have removed it.
         """
         found: list[Item] = []
+        sought: set[str] = set()
         claims = Counter(child for each in self._streams.values() for _, child, _ in each.claims)
         for name, stream in self._streams.items():
             missing = stream.listed - self._placed()
@@ -226,7 +226,27 @@ class RecordedFrames:
             if missing:
                 end_ns = before_ns if stream.gone_ns is None else min(before_ns, stream.gone_ns + S)
                 found += self._last_messages(stream.full_name or name, missing, end_ns)
+                sought |= missing
+        for stream in self._streams.values():
+            for frame in sought & stream.removed_ns.keys():
+                found += self._last_before_removal(stream, frame, before_ns)
         return found
+
+    def _last_before_removal(
+        self, stream: "_HeardStream", frame: str, before_ns: int
+    ) -> Iterator[Item]:
+        """What a stream last said of a frame that it has removed: it had taken it over from others
+        if that is newer than what they said.
+        """
+        removed_ns = stream.removed_ns[frame]
+        yield from self._last_messages(stream.full_name, {frame}, min(before_ns, removed_ns + S))
+        if removed_ns < before_ns:
+            chosen, at_ns = Selection(streams=(stream.full_name,)), removed_ns
+            while item := self._source.state_at(at_ns, chosen).statics.get(stream.full_name):
+                if frame in self._children(item):
+                    yield item
+                    return
+                at_ns = item.log_ns - 1
 
     def _placed(self) -> set[str]:
         """The frames that have a place in another one: a parent is known before it has one."""
@@ -238,11 +258,7 @@ class RecordedFrames:
         """
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
-        spans = (
-            self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
-            if self._source.is_complete
-            else {(end_ns - _MOST_BACK_S * S, end_ns)}
-        )
+        spans = self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
         found: dict[int, Item] = {}
         for from_ns, to_ns in sorted(spans):
             part = [
@@ -499,7 +515,7 @@ class RecordedFrames:
         stream = self._streams.get(self.buffer.frame(frame).authority)
         if stream is None:
             return None
-        to_ns = self._at_ns + _MOST_BACK_S * S
+        to_ns = self._at_ns + _MOST_AHEAD_S * S
         chosen = Selection(streams=(stream.full_name,))
         for item in self._source.items(self._at_ns + 1, to_ns, chosen):
             if (
@@ -559,13 +575,14 @@ class _HeardStream:
     """A stream, the state of its token and description, and the receptions of its keys.
 
     `gone_ns` is when its publisher was lost. `listed` are all frames that it ever listed and has
-    not removed.
+    not removed, `removed_ns` the times at which it removed the others.
     """
 
     reception: StreamReception
     state: StreamState
     full_name: str
     gone_ns: int | None = None
+    removed_ns: dict[str, int] = field(default_factory=dict)
     _keys: dict[str, DynamicReception] = field(default_factory=dict)
     _seen: dict[str, tuple[str, bool]] = field(default_factory=dict)
     _left: set[str] = field(default_factory=set)
@@ -608,6 +625,12 @@ class _HeardStream:
         description = _description_of(event)
         if description is not None:
             description = names.description_outside(description)
+            former, now = (
+                {child for _, child, _ in rows} for rows in (self.claims, description.frames)
+            )
+            self.removed_ns |= dict.fromkeys(former - now, event.log_ns)
+            for child in now & self.removed_ns.keys():
+                del self.removed_ns[child]
             self.reception.take_description(description)
         if not was_alive:
             self.reception.marks.update()

@@ -339,11 +339,21 @@ def frame_tree(
     """The knowledge of the buffer and its listener at the time `recorded_ns`, by the listener's
     clock.
 
-    All texts come as they can be printed: streams, nodes and hosts are named by strangers.
+    A frame without parent and children is in it only if a living stream lists it. All texts come as
+    they can be printed: streams, nodes and hosts are named by strangers.
     """
-    frames = {frame.name: _shown(frame, recorded_ns) for frame in buffer.all_frames()}
     is_simulated = isinstance(buffer.clock, Clock) and buffer.clock.is_simulated
     by_name = {stream.name: stream for stream in map(_printable_stream, streams)}
+    listed = {
+        name for each in by_name.values() if each.alive for row in each.frames for name in row[:2]
+    }
+    frames = {
+        frame.name: _shown(frame, recorded_ns)
+        for frame in buffer.all_frames()
+        # A parent outlives its last child in the buffer, of which a listener that comes later, or
+        # a recording, knows nothing.
+        if frame.parent is not None or frame.children or frame.name in listed
+    }
     known = NOT_SIMULATED if is_simulated else simulated
     return FrameTree(frames, by_name, recorded_ns, is_simulated, known, was_paused)
 

@@ -1,12 +1,14 @@
 """The topic `clock`: nodes that publish the simulated time, and nodes that follow it, or wait."""
 
 import logging
+from typing import NamedTuple
 
 from tfbus.base.clock import SimulatedClock
-from tfbus.base.errors import DecodeError
+from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import stamp_text
+from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.session import Session
 from tfbus.messages import Clock
 from tfbus.node.endpoint import NodeEndpoint
@@ -17,7 +19,7 @@ from tfbus.wire.keys import ALL_NODES_EVERYWHERE
 # The last message is repeated after this time, for nodes that came late or lost it.
 _REPEAT_S = 0.2
 
-# Namespaces come from the bus: at most this many get the time.
+# Namespaces come from the bus: at most this many below get the time.
 _MOST_NAMESPACES = 1000
 
 # A clock that is set by hand jumps back less often.
@@ -27,23 +29,26 @@ _MANY_JUMPS = 10
 class ClockPublisher(NodeEndpoint):
     """Publishes the simulated time in its namespace, and in each namespace below with a node.
 
+    Of more than a thousand namespaces, one gives way to a new one: one without a node if there is
+    any, otherwise the one whose last node started first, which is logged once.
+
     The last message is repeated five times a second of real time: nodes that start while the time
     stands still know it too. So nothing is retained, and a node that has stopped does not hold up
     the clock.
     """
 
-    def __init__(self, session: Session, executor: Executor, topic: str):
+    def __init__(self, session: Session, log: logging.Logger, executor: Executor, topic: str):
         super().__init__(topic, Clock)
         self._session = session
+        self._once = LogOnce(log)
         self._executor = executor
-        self._publishers = {"": session.publisher(topic)}
+        self._own = session.publisher(topic)
+        # The namespaces below, the one whose last node started first at the beginning.
+        self._below: dict[str, _Below] = {}
         self._last: bytes | None = None
         self._is_fresh = False
         self._timer = executor.every(_REPEAT_S, self._repeat)
-        self._parts = [
-            self._publishers[""],
-            session.watch_living(ALL_NODES_EVERYWHERE, self._on_node),
-        ]
+        self._parts = [self._own, session.watch_living(ALL_NODES_EVERYWHERE, self._on_node)]
 
     def publish(self, message: Clock) -> None:
         """Publish the time."""
@@ -55,6 +60,8 @@ class ClockPublisher(NodeEndpoint):
         """End it, also the repetitions. Twice is fine."""
         self._timer.cancel()
         super().close()
+        for below in [*self._below.values()]:
+            below.publisher.close()
 
     def _repeat(self) -> None:
         if self._last is not None and not self._is_fresh:
@@ -62,22 +69,58 @@ class ClockPublisher(NodeEndpoint):
         self._is_fresh = False
 
     def _publish(self, payload: bytes) -> None:
-        for publisher in [*self._publishers.values()]:
-            publisher.put(payload)
+        self._own.put(payload)
+        for namespace, below in [*self._below.items()]:
+            try:
+                below.publisher.put(payload)
+            except BusError:
+                if namespace in self._below:  # else it has given way meanwhile
+                    raise
 
     def _on_node(self, key: str, alive: bool) -> None:
         # A publisher of `**/clock`, for all namespaces, would publish on `tf/**` too.
         namespace = key.partition("@tfbus/")[0]
-        if self.name.startswith("/"):  # remapped to one topic outside of all of them
-            return
-        if alive and namespace not in self._publishers:
-            self._executor.submit("the clock's namespaces", lambda: self._add(namespace))
+        if namespace and not self.name.startswith("/"):  # one topic outside of all of them
+            change = self._note_node if alive else self._forget_node
+            self._executor.submit("the clock's namespaces", lambda: change(namespace, key))
 
-    def _add(self, namespace: str) -> None:
-        if namespace not in self._publishers and len(self._publishers) < _MOST_NAMESPACES:
-            publisher = self._session.publisher(f"{namespace}{self.name}")
-            self._publishers[namespace] = publisher
-            self._parts.append(publisher)
+    def _note_node(self, namespace: str, key: str) -> None:
+        below = self._below.pop(namespace, None)
+        if below is None:
+            if self.closed:
+                return
+            if len(self._below) >= _MOST_NAMESPACES:
+                self._make_room(namespace)
+            below = _Below(self._session.publisher(f"{namespace}{self.name}"), set())
+        self._below[namespace] = below
+        below.nodes.add(key)
+
+    def _forget_node(self, namespace: str, key: str) -> None:
+        # The publisher stays: the end of a node may be told after the begin of its successor.
+        if below := self._below.get(namespace):
+            below.nodes.discard(key)
+
+    def _make_room(self, newcomer: str) -> None:
+        empty = (name for name, below in self._below.items() if not below.nodes)
+        leaving = next(empty, "")
+        if not leaving:
+            leaving = next(iter(self._below))
+            self._once.warning(
+                "namespaces",
+                "The clock reaches %d namespaces, and more have nodes: %r stands still, and %r has "
+                "the time. Remap 'clock' to one topic for all, '/clock', here and in the nodes",
+                _MOST_NAMESPACES,
+                leaving.rstrip("/"),
+                newcomer.rstrip("/"),
+            )
+        self._below.pop(leaving).publisher.close()
+
+
+class _Below(NamedTuple):
+    """The publisher of a namespace below, and the tokens of the nodes that are there."""
+
+    publisher: BytesPublisher
+    nodes: set[str]
 
 
 class ClockSubscription(NodeEndpoint):

@@ -526,7 +526,8 @@ class Node:
 
         topic = self._resolve(CLOCK_TOPIC)
         self.settings.check_right("topics", topic)
-        return self._info.add("publishes", ClockPublisher(self.session, self.executor, topic))
+        publisher = ClockPublisher(self.session, self.log, self.executor, topic)
+        return self._info.add("publishes", publisher)
 
     def declare_parameter(
         self,

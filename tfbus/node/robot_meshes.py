@@ -1,5 +1,7 @@
 """The meshes of robots on other machines, as their robot_state serves them."""
 
+from contextlib import closing
+
 from tfbus.base import scheduler
 from tfbus.base.errors import TfbusError
 from tfbus.base.wording import printable
@@ -15,33 +17,21 @@ _PATIENCE_S = 10.0
 _MOST_CHANGES = 3
 
 
-class RobotMeshes:
-    """Fetches the meshes that descriptions name, and the pictures and materials beside them."""
+def fetch_mesh(node: Node, origin: str, mesh: str, within_s: float = _LONGEST_S) -> bytes:
+    """The content of a mesh of the robot in a namespace, or of a picture or material beside it,
+    from the machine that describes the robot.
 
-    def __init__(self, node: Node) -> None:
-        self._node = node
-        self._lock = scheduler.Lock()
-        self._clients: dict[str, Client] = {}
-
-    def fetch(self, origin: str, mesh: str, within_s: float = _LONGEST_S) -> bytes:
-        """The content of a mesh of the robot in a namespace, from the machine that describes it.
-
-        Raises TfbusError if it cannot be had, or not in this time.
-        """
-        client, deadline_s = self._client(origin), scheduler.monotonic() + within_s
+    Raises TfbusError if it cannot be had, or not in this time.
+    """
+    deadline_s = scheduler.monotonic() + within_s
+    client = node.create_client(RobotMesh, f"{origin}/robot_mesh" if origin else "robot_mesh")
+    # Robots come and go, and the client of one that is gone would stay as long as the node.
+    with closing(client):
         for _ in range(_MOST_CHANGES):
             found = _fetch(client, mesh, deadline_s)
             if found is not None:
                 return found
-        raise TfbusError("it changed while it was read")
-
-    def _client(self, origin: str) -> Client:
-        with self._lock:
-            client = self._clients.get(origin)
-            if client is None:
-                name = f"{origin}/robot_mesh" if origin else "robot_mesh"
-                client = self._clients[origin] = self._node.create_client(RobotMesh, name)
-            return client
+    raise TfbusError("it changed while it was read")
 
 
 def _fetch(client: Client, mesh: str, deadline_s: float) -> bytes | None:

@@ -17,7 +17,7 @@ from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.messages import JointState, RobotDescription
 from tfbus.node.node import Node
-from tfbus.node.robot_meshes import RobotMeshes
+from tfbus.node.robot_meshes import fetch_mesh
 from tfbus.node.topic import Publisher, Subscription
 from tfbus.recording.items import Selection, TopicItem
 from tfbus.recording.reader import RecordingReader
@@ -226,7 +226,6 @@ class RobotsOnBus:
         self._given = None if robot is None else ShownRobot(robot)
         self._mistakes: Bounded[str, str] = Bounded(_MOST_MISTAKES)
         self._joints: dict[str, _JointTopics | None] = {}
-        self._meshes = RobotMeshes(node)
         self._subscription: Declaration | None = None
         if robot is not None:
             return
@@ -261,7 +260,7 @@ class RobotsOnBus:
     def fetch(self, origin: str, mesh: str, within_s: float) -> bytes:
         """A mesh of a robot, from the machine that describes it."""
         try:
-            return self._meshes.fetch(origin, mesh, within_s)
+            return fetch_mesh(self._node, origin, mesh, within_s)
         except TfbusError as error:
             reason = printable(str(error), 400)
             raise MeshError(f"it is not on this machine, and {reason}") from error

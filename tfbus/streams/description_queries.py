@@ -1,0 +1,235 @@
+"""Queries for the descriptions of streams: one by one, or of a whole fleet at once."""
+
+from collections.abc import Callable
+from contextlib import suppress
+
+from tfbus.base.errors import BusError
+from tfbus.base.executor import Executor
+from tfbus.base.structs import replace
+from tfbus.bus.query import Answer, AskUntil, Pauses
+from tfbus.bus.session import Session
+from tfbus.streams.owners import MOST_ANSWERS, Owners
+from tfbus.streams.queries import (
+    ANSWER_WITHIN_S,
+    PATIENT_FROM_TURN,
+    ask_for_description,
+    ask_for_descriptions,
+)
+from tfbus.streams.stream_states import StreamStates
+from tfbus.wire.descriptions import StreamDescription
+
+# A token may come before its publisher can answer, or has anything to describe.
+_PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
+# One that is back is taken for the same if this many questions end without a description, one after
+# the other: about 1.5 s, or 12 s where each takes 2 s. Questions that overlap count as one.
+_PATIENCE = 4
+
+# The descriptions of at most this many tokens are asked for at a time. Where further ones wait, one
+# that has been asked for five times gives way, and waits again.
+_MOST_ASKED = 200
+_TURNS = 5
+# Tokens beyond this number of questions belong to a fleet: they are gathered for this
+# time and asked about by one question for all streams, of which the answers so far are then taken.
+_FEW_ASKED = 20
+_GATHERED_FOR_S = 0.1
+_TAKEN_AFTER_S = 0.5
+
+# One that comes by itself and is not signed is taken; one that is may come for this many turns.
+_TURNS_TO_SIGN = 2
+
+_WHAT = "a stream"
+
+
+class DescriptionQueries:
+    """Asks for the description of each stream it is given, until one comes, readable or not.
+
+    `all_keys` are the keys of all streams that are watched, and `is_most(count)` is whether most of
+    them are that many streams. All of it runs on the executor's thread.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        executor: Executor,
+        states: StreamStates,
+        owners: Owners,
+        *,
+        all_keys: str,
+        is_most: Callable[[int], bool],
+    ) -> None:
+        self._session = session
+        self._executor = executor
+        self._states = states
+        self._owners = owners
+        self._all_keys = all_keys
+        self._is_most = is_most
+        # The questions about the token that is there now, by its key.
+        self._asking: dict[str, AskUntil] = {}
+        # Tokens whose description is to be asked for, the oldest first.
+        self._to_ask: dict[str, None] = {}
+        # The keys that wait for the next question for all streams, and the keys of the open
+        # question, with the descriptions of before; None for no question.
+        self._gathered: dict[str, None] = {}
+        self._asked_together: dict[str, StreamDescription | None] | None = None
+
+    def is_asking(self, key: str) -> bool:
+        """Whether a question for the description of this token is open, or is to be asked."""
+        return key in self._asking or key in self._to_ask
+
+    def begin(self, key: str) -> None:
+        """Ask for the description of the stream of this token, one of many together."""
+        if len(self._asking) < _FEW_ASKED:
+            self.ask(key)
+        else:
+            self._gather(key)
+
+    def end(self, key: str) -> None:
+        """Ask no further for the description of the stream of this token."""
+        self._to_ask.pop(key, None)
+        self._gathered.pop(key, None)
+        if self._asked_together is not None:
+            self._asked_together.pop(key, None)
+        asking = self._asking.pop(key, None)
+        if asking is not None:
+            asking.close()
+
+    def _gather(self, key: str) -> None:
+        """Have the description asked for together with others."""
+        self._gathered[key] = None
+        if len(self._gathered) == 1 and self._asked_together is None:
+            self._executor.after(_GATHERED_FOR_S, self._ask_together)
+
+    def _ask_together(self) -> None:
+        """Ask for the descriptions of all gathered tokens, then one by one for missing ones. An
+        answer counts for a token that was there before the question.
+        """
+        states = self._states
+        if states.is_closed or self._asked_together is not None or not self._gathered:
+            return
+        waiting = {key: states.of(key).description for key in self._gathered}
+        self._gathered.clear()
+        if not self._is_most(len(waiting)):
+            # Most of the answers would be about others.
+            for key in waiting:
+                self.ask(key)
+            return
+        self._asked_together = waiting
+        answers: dict[str, dict[str, Answer]] = {}
+
+        def on_answer(answer: Answer) -> None:
+            if answer.refusal is None and answer.key in waiting:
+                by = answers.setdefault(answer.key, {})
+                if len(by) < MOST_ANSWERS or answer.sender in by:
+                    by[answer.sender] = answer
+
+        def take() -> None:
+            for key in [key for key in waiting if key in answers]:
+                known = waiting.pop(key)
+                state = states.of(key)
+                # One that has come by itself in the meantime is at least as new.
+                if not states.is_closed and (state.description is known or not state.confirmed):
+                    self._take_best(key, [*answers[key].values()])
+
+        def end() -> None:
+            take()
+            self._asked_together = None
+            self._to_ask.update(dict.fromkeys(waiting))
+            if self._gathered:
+                self._executor.after(_GATHERED_FOR_S, self._ask_together)
+            self._ask_next()
+
+        with suppress(BusError):  # the session is closed
+            ask_for_descriptions(self._session, self._all_keys, on_answer, lambda: self._do(end))
+            self._executor.after(_TAKEN_AFTER_S, take)
+
+    def _take_best(self, key: str, answers: list[Answer]) -> None:
+        """Take the best of all answers about a stream."""
+        read = [(self._states.read(key, answer.payload), answer.sender) for answer in answers]
+        readable = [(description, sender) for description, sender in read if description]
+        if readable:
+            self._owners.take_best(key, readable)
+        else:
+            self._states.take_back(key)
+
+    def ask(self, key: str, epoch_ns: int | None = None) -> None:
+        """Ask for the retained description: Zenoh requests it for later publishers too, but not
+        at keys that begin with `@`. With an epoch, the description of that one among several
+        publishers is reported even if it was known before.
+        """
+        if epoch_ns is None and key not in self._asking and len(self._asking) >= _MOST_ASKED:
+            self._to_ask[key] = None
+            return
+        states = self._states
+        known = states.of(key).description
+        answers: dict[str, StreamDescription | None] = {}
+        asked = ended = next_to_count = 0
+
+        def ask(turn: int, on_end: Callable[[], None]) -> None:
+            nonlocal asked
+            asked = turn
+            if turn >= _TURNS and self._to_ask and epoch_ns is None:
+                self._to_ask[key] = None
+                asking.close()
+                on_end()
+                return
+
+            def end() -> None:
+                on_end()
+                # After the answers of this question have been looked at.
+                self._do(lambda: count_end(turn))
+
+            ask_for_description(self._session, key, turn, on_answer, end)
+            if turn >= PATIENT_FROM_TURN:
+                self._executor.after(ANSWER_WITHIN_S, lambda: count_end(turn))
+
+        def count_end(turn: int) -> None:
+            nonlocal ended, next_to_count
+            if not asking.is_over and turn >= next_to_count:
+                next_to_count = asked + 1
+                ended += 1
+                if ended >= _PATIENCE:
+                    states.take_back(key)
+
+        def on_answer(answer: Answer) -> None:
+            has_room = len(answers) < MOST_ANSWERS or answer.sender in answers
+            if answer.refusal is None and has_room:
+                answers[answer.sender] = states.read(key, answer.payload)
+
+        def is_settled() -> bool:
+            if states.is_closed:
+                return True
+            state = states.of(key)
+            if state.description is not known and (state.confirmed or asked >= _TURNS_TO_SIGN):
+                # One that has come by itself in the meantime is at least as new.
+                return True
+            readable = [(answer, sender) for sender, answer in list(answers.items()) if answer]
+            if epoch_ns is not None:
+                readable = [each for each in readable if each[0].epoch == epoch_ns]
+            if readable:
+                if epoch_ns is not None:
+                    states.store(replace(states.of(key), description=None))
+                self._owners.take_best(key, readable)
+            elif answers:
+                states.take_back(key)
+            return bool(answers if epoch_ns is None else readable)
+
+        self.end(key)
+
+        def on_over() -> None:
+            if self._asking.get(key) is asking:
+                del self._asking[key]
+            self._ask_next()
+
+        asking = self._asking[key] = AskUntil(
+            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled, on_over=on_over
+        )
+        asking.start()
+
+    def _ask_next(self) -> None:
+        while self._to_ask and len(self._asking) < _MOST_ASKED and not self._states.is_closed:
+            key = next(iter(self._to_ask))
+            del self._to_ask[key]
+            self.ask(key)
+
+    def _do(self, job: Callable[[], None]) -> None:
+        self._executor.submit(_WHAT, job)

@@ -265,6 +265,7 @@ def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:
     counts = "topic poses into 'odom': 0 passed, 1 waiting, 1 dropped (1 queue full)"
     info = bus.run("topic", "info", "poses")
     assert f"/robot: {counts}" in info.stdout
+    assert f"    Filter: {counts}" in bus.run("topic", "info", "poses", "-v").stdout
     why = bus.run("why", "odom", "lidar")
     assert "Messages that wait" in why.stdout and "poses" in why.stdout
     doctor = " ".join(bus.run("doctor").stdout.split())

@@ -21,6 +21,7 @@ from tfbus.base.errors import (
 from tfbus.base.executor import Executor
 from tfbus.base.names import mistake_in
 from tfbus.base.signals import StopSignals
+from tfbus.base.wording import counted
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.pending import PendingLookup
 from tfbus.bus.session import Session
@@ -265,7 +266,7 @@ class FramedSubscription(Subscription[M]):
         if not self._queues[frame]:
             del self._queues[frame]
         oldest.lookup.close()
-        self._drop(oldest.message, QUEUE_FULL, f"{self.into.queue} others wait")
+        self._drop(oldest.message, QUEUE_FULL, f"{counted(self.into.queue, 'message')} may wait")
 
     def _drop(self, message: Any, reason: str, why: str) -> None:
         with self._lock:

@@ -5,8 +5,8 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, TypeVar
 
 from tfbus.base import scheduler
 from tfbus.base.arguments import is_async
@@ -67,8 +67,8 @@ def into_frame(
     queue: int,
 ) -> InFrame:
     """The frame that a subscription was made with. Raises TypeError and ValueError."""
-    names = get_type_hints(message_type)
-    if not {"stamp_ns", "frame_id"} <= names.keys():
+    names = [each.name for each in fields(message_type)]
+    if not {"stamp_ns", "frame_id"} <= {*names}:
         raise TypeError(
             f"{call} with in_frame: messages must have stamp_ns and frame_id, and those of "
             f"{message_type.__name__} have {', '.join(names) or 'no fields'}"

@@ -228,6 +228,12 @@ def _wait_for_answer(
         elif question.is_hopeless(reason):
             if isinstance(reason, GapException):
                 raise reason
+            moment = question.moment
+            if moment and moment.is_from_beginning and not node.clock.is_simulated:
+                ago = f"{moment.ns / 1e9:g}s"
+                raise PastExtrapolationException(
+                    f"--at {ago} is {ago} after the beginning of 1970: -{ago} is {ago} ago"
+                )
             raise PastExtrapolationException(
                 f"{reason}; echo has only what is sent while it runs, and the history that "
                 "publishers keep, 10 s by default"

@@ -16,6 +16,7 @@ from tfbus.base.wording import (
     duration,
     listed,
     near_names,
+    offset,
     printable,
     stamp_text,
 )
@@ -80,6 +81,7 @@ def test_text_of_strangers_is_escaped_and_cut(text: str, shown: str) -> None:
         (None, "?"),
         (3e-4, "0.3 ms"),
         (-0.021, "-21 ms"),
+        (-1e-5, "0.0 ms"),
         (4.2, "4.2 s"),
         (200, "3 min"),
         (8e3, "2 h"),
@@ -88,6 +90,14 @@ def test_text_of_strangers_is_escaped_and_cut(text: str, shown: str) -> None:
 def test_durations_have_the_unit_people_would_use(seconds: float | None, text: str) -> None:
     """A duration has at most three digits and one unit."""
     assert duration(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(2.5, "+2.5 s"), (-0.021, "-21 ms"), (0.0, "+0.0 ms"), (-1e-5, "+0.0 ms")]
+)
+def test_an_offset_has_its_sign(seconds: float, text: str) -> None:
+    """One too small to be seen has the sign of zero."""
+    assert offset(seconds) == text
 
 
 def test_an_age_is_never_negative() -> None:

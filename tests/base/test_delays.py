@@ -106,6 +106,7 @@ def test_a_busy_host_is_named_instead_of_the_callback_that_waited_for_a_cpu(
     busy, scan = [record.getMessage() for record in caplog.records]
     assert busy.startswith("Timer of 50 ms (tick) ") and "late by 450 ms: this host" in busy
     assert "waited 400 ms" in busy and "callback_group" not in busy
+    assert busy.count("Further ones") == 1
     assert "topic scan took 350 ms" in scan
     assert [each["by"] for each in delays.described()] == ["topic scan"]
 

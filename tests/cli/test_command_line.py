@@ -352,6 +352,12 @@ class TestCommands:
             assert "\n  Example" in help_
             assert max(map(len, help_.splitlines())) <= 80
 
+    @pytest.mark.parametrize("name", ["keys", "node", "param", "service", "topic"])
+    def test_a_group_lists_its_commands_by_whole_sentences(self, name: str) -> None:
+        """Two lines are enough for the longest, so none is cut."""
+        listed = CliRunner().invoke(main, [name, "--help"]).output.partition("\nCommands:\n")[2]
+        assert listed and "..." not in listed
+
     def test_the_list_has_each_command_under_one_job(self) -> None:
         """Those to begin with are first, and turtles are apart."""
         listed = [name for names in JOBS.values() for name in names]

@@ -164,6 +164,19 @@ def test_a_watch_prints_findings_when_they_begin_and_end(bus: Bus) -> None:
     assert doctor.stop() == 0
 
 
+def test_a_watch_forgets_programs_of_this_host_that_have_ended(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Which of them scout is looked at each time, as the nodes on the bus are."""
+    programs = {42: "python"}
+    monkeypatch.setattr("tfbus.doctor.examine.local_scouts", lambda: dict(programs))
+    doctor = bus.start("doctor", "--watch", "--for", "1", "--only", "alone")
+    doctor.wait_for_line("warn +alone")
+    programs.clear()
+    doctor.wait_for_line("ended +alone")
+    assert doctor.stop() == 0
+
+
 def test_a_watch_exits_at_the_first_failure(bus: Bus) -> None:
     """With --exit-on-fail, as JSON lines; warnings do not end it."""
     keep_sending(bus.node("sim"), "world", "base")

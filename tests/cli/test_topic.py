@@ -111,6 +111,9 @@ class TestList:
         code, out, err = run(bus, "find", "Poes")
         assert (code, out) == (1, "")
         assert "of type 'Poes'" in err and "mean 'Pose'" in err
+        # One that has another name on the bus, by the name that `list` prints.
+        bus.node("lidar").create_publisher(LaserScan, "scan")
+        assert "mean 'LaserScan'" in run(bus, "find", "LazerScan")[2]
 
     def test_an_unknown_topic_is_an_error_with_a_near_name(self, bus: Bus) -> None:
         """A misspelt topic fails with the one that is meant."""

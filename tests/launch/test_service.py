@@ -65,6 +65,22 @@ def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
         assert "tfbus launch --help" not in output
 
 
+@pytest.mark.parametrize("option", ["--print", "--dry-run", "-n"])
+def test_a_dry_run_installs_nothing(file: Path, tmp_path: Path, option: str) -> None:
+    """It prints the unit, by the name that launch has for it, too."""
+    code, output = run("install", str(file), option, "--user")
+    assert code == 0 and f"-m tfbus launch {file}\n" in output
+    assert not (tmp_path / "config").exists()
+
+
+@pytest.mark.parametrize("option", ["--list", "--show-args", "-s"])
+def test_a_service_does_not_only_print(file: Path, option: str) -> None:
+    """It would end at once, and systemd would start it for ever."""
+    code, output = run("install", str(file), option, "--user", "--print")
+    assert code == 2 and "only prints" in output and "ExecStart" not in output
+    assert run("container", str(file), "--dry-run")[0] == 2
+
+
 def test_a_service_runs_as_a_user_that_is_there(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -242,7 +242,7 @@ def test_bounds_and_types_are_checked(bus: Bus) -> None:
             kind, "poses", print, in_frame="odom", buffer=buffer, **options
         )
 
-    with pytest.raises(TypeError, match="MarkerArray"):
+    with pytest.raises(TypeError, match=r"those of MarkerArray have markers$"):
         create(messages.MarkerArray)
     with pytest.raises(ValueError, match="queue"):
         create(queue=0)
@@ -265,6 +265,7 @@ def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:
     counts = "topic poses into 'odom': 0 passed, 1 waiting, 1 dropped (1 queue full)"
     info = bus.run("topic", "info", "poses")
     assert f"/robot: {counts}" in info.stdout
+    assert f"    Filter: {counts}" in bus.run("topic", "info", "poses", "-v").stdout
     why = bus.run("why", "odom", "lidar")
     assert "Messages that wait" in why.stdout and "poses" in why.stdout
     doctor = " ".join(bus.run("doctor").stdout.split())

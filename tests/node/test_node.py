@@ -567,6 +567,8 @@ class TestParameters:
         assert "at most 255, not 256" in self.set(other, "background_r", 256)
         assert "at least 0, not -1" in self.set(other, "background_r", -1)
         assert red.value == 255
+        with pytest.raises(ParameterError, match="'low' must be at least 2, not 1"):
+            node.declare_parameter("low", 1.0, minimum=2.0)
         node.declare_parameter("rate", 1.0, minimum=0)
         assert "finite, not nan" in self.set(other, "rate", float("nan"))
         assert "finite, not -inf" in self.set(other, "rate", "-1" + 400 * "0")

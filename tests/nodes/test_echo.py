@@ -144,6 +144,7 @@ def test_a_time_that_is_over_fails_at_once(bus: Bus, clockwork: Node) -> None:
     assert done.returncode == 1
     assert "history that publishers keep" in done.stderr
     assert "Waiting" not in done.stderr
+    assert "-3s is 3s ago" in bus.run("echo", "world", "hand", "--at", "3s").stderr
 
 
 @pytest.mark.parametrize("at", ["-3s", "a date"])

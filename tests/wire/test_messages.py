@@ -100,6 +100,16 @@ def test_invalid_messages_are_not_decoded() -> None:
         decode_message(Twist, data)
 
 
+@pytest.mark.parametrize(
+    ("scan", "named"),
+    [(messages.LaserScan(1.5, "lidar"), "stamp_ns"), (messages.LaserScan(1, None), "frame_id")],
+)
+def test_a_header_is_checked_before_it_is_sent(scan: messages.LaserScan, named: str) -> None:
+    """Every listener would drop it."""
+    with pytest.raises(TypeError, match=f"{named} must be"):
+        encode_message(scan)
+
+
 def test_an_empty_twist_stops() -> None:
     """What is left out of a Twist is zero: `{}` on the command line stops a turtle."""
     assert decode_message(Twist, encode_map({})) == Twist(Vector3(0, 0, 0), Vector3(0, 0, 0))

@@ -262,7 +262,7 @@ class Delays:
                 self._log_once.warning(
                     "busy",
                     "%s was late by %s: this host is too busy, and its callbacks waited %s for a "
-                    "CPU. Further ones are not logged",
+                    "CPU",
                     what[:1].upper() + what[1:],
                     duration(late_s),
                     duration(waited_s),

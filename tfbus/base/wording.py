@@ -203,7 +203,7 @@ def duration(seconds: float | None) -> str:
         return "?"
     size = abs(seconds)
     if size < 0.01:
-        return f"{seconds * 1e3:.1f} ms"
+        return f"{seconds * 1e3:z.1f} ms"  # no -0.0
     if size < 1.0:
         return f"{seconds * 1e3:.0f} ms"
     if size < 100.0:
@@ -212,6 +212,12 @@ def duration(seconds: float | None) -> str:
         if size < most_s:
             return f"{seconds / unit_s:.0f} {unit}"
     return f"{seconds / 86_400:.0f} days"
+
+
+def offset(seconds: float) -> str:
+    """How far a clock or a stamp is off, with its sign: `+2.5 s`, `-0.3 ms`."""
+    said = duration(seconds)
+    return said if said.startswith("-") else f"+{said}"
 
 
 def age(seconds: float | None) -> str:

@@ -42,6 +42,10 @@ _OF_MANY = {
 }
 
 
+# More characters than a sentence has.
+_WHOLE = 1000
+
+
 class Answering(click.Command):
     """A command that answers options of ROS that it does not have: by its `hints`, or the hints of
     many commands.
@@ -80,6 +84,13 @@ class Verbs(click.Group):
         if not is_known and not ctx.resilient_parsing:
             ctx.fail(f"there is no command {name!r}{self._hint(ctx, args)}")
         return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """As click's own, but the first sentence of each command whole."""
+        found = {name: self.get_command(ctx, name) for name in self.list_commands(ctx)}
+        rows = [(name, each.get_short_help_str(_WHOLE)) for name, each in found.items() if each]
+        with formatter.section("Commands"):
+            formatter.write_dl(rows)
 
     def _hint(self, ctx: click.Context, args: list[str]) -> str:
         name = args[0]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.base.clock import SYSTEM_CLOCK
-from tfbus.base.wording import counted, duration, listed
+from tfbus.base.wording import counted, duration, listed, offset
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, is_running, listening, moment_lines, warn_if_starved
 from tfbus.cli.output import (
@@ -277,7 +277,7 @@ def _row(robot: RobotStatus, at_ns: int) -> tuple[str, ...]:
         paint(robot.name, "name"),
         paint(robot.state_text(at_ns), role) if role else robot.state,
         "" if robot.age_s is None else duration(robot.age_s),
-        "" if clock is None else f"{'+' if clock >= 0 else ''}{duration(clock)}",
+        "" if clock is None else offset(clock),
         "" if robot.messages_hz is None else f"{robot.messages_hz:.1f}",
         "" if robot.bytes_per_s is None else f"{robot.bytes_per_s / 1e3:.1f}",
         listed(robot.versions, most=2),

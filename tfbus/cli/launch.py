@@ -40,6 +40,9 @@ from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
 from tfbus.wire.numbered import POSES
 
+# The options with which it starts nothing.
+ONLY_PRINT = ("list_files", "show_args", "dry_run")
+
 
 def complete_file(
     ctx: click.Context, param: click.Parameter, incomplete: str

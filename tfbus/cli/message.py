@@ -320,7 +320,7 @@ def names_of_type(known: Mapping[str, _HasTypes], type_name: str, kind: str) -> 
         if any(is_of_type(each, type_name) for each in info.types)
     )
     if not found:
-        types = {each for info in known.values() for each in info.types}
+        types = {shown_type(each) for info in known.values() for each in info.types}
         hint = did_you_mean(type_name, types, none=f", nor any other {kind}: is a node running?")
         raise BusError(f"there is no {kind} of type {type_name!r}{hint}")
     return found

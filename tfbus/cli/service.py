@@ -71,6 +71,13 @@ def _checked(file: str, arguments: Sequence[str]) -> tuple[Path, list[str]]:
     from tfbus.cli import launch  # asyncio and YAML, which `tfbus service list` does not need
 
     given = [file, *arguments]
+    context = launch.command.make_context("tfbus launch", list(given), resilient_parsing=True)
+    for option in launch.command.params:
+        if option.name in launch.ONLY_PRINT and context.params.get(option.name):
+            raise click.UsageError(
+                f"{option.opts[-1]} of tfbus launch only prints: the service would end at once, "
+                "again and again"
+            )
     try:
         with redirect_stdout(io.StringIO()):
             launch.command.main(
@@ -79,7 +86,6 @@ def _checked(file: str, arguments: Sequence[str]) -> tuple[Path, list[str]]:
     except click.UsageError as error:
         # With the usage of this command, not of that one.
         raise click.UsageError(error.format_message(), click.get_current_context()) from error
-    context = launch.command.make_context("tfbus launch", list(given), resilient_parsing=True)
     path, rest = launch.chosen_file(file, context.params.get("arguments") or ())
     left = list(arguments)
     if len(rest) < len(context.params.get("arguments") or ()):
@@ -104,7 +110,14 @@ def command() -> None:
 @click.option("--system", is_flag=True, help="For the machine, at boot; the default of root.")
 @click.option("--user", "is_user", is_flag=True, help="For you alone; the default of others.")
 @click.option("--run-as", metavar="USER", default="", help="The user of a service of the machine.")
-@click.option("--print", "only_print", is_flag=True, help="Print the unit, and install nothing.")
+@click.option(
+    "-n",
+    "--dry-run",
+    "--print",
+    "only_print",
+    is_flag=True,
+    help="Print the unit, and install nothing.",
+)
 def install_command(
     file: str,
     arguments: tuple[str, ...],

@@ -131,8 +131,9 @@ def _dated(text: str) -> Moment:
         moment = datetime.fromisoformat(_FRACTION.sub("", text))
     except ValueError as error:
         raise ValueError(
-            f"{text!r} is not a time; write seconds or nanoseconds since 1970, "
-            "a date such as 2026-11-21T09:00:00.5Z, or a time from now such as -3s"
+            f"{text!r} is not a time; write one from now, or from the end of a recording, such as "
+            "-3s, one from its beginning, such as +3s, a date such as 2026-11-21T09:00:00.5Z, or "
+            "seconds or nanoseconds since 1970"
         ) from error
     since_epoch = moment.astimezone(UTC) - datetime.fromtimestamp(0, UTC)
     whole_ns = (since_epoch.days * 86_400 + since_epoch.seconds) * 1_000_000_000

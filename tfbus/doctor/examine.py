@@ -21,6 +21,7 @@ from contextlib import suppress
 from dataclasses import replace
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 from tfbus.base import scheduler
 from tfbus.base.clock import SYSTEM_CLOCK
@@ -85,7 +86,10 @@ def examine(
                 heard.catch_up()
                 listened_s = scheduler.monotonic() - began_s
                 if before is not None:
+                    # A process that begins or ends meanwhile is missing on one of the two sides.
+                    scouts = local_scouts()
                     answers = _ask(node.session, on_unreadable)
+                    host = replace(host, **_scouts(scouts.items() & local_scouts().items()))
                 heard.set_answers(answers)
                 now = heard.moment()
                 yield Examination(
@@ -125,7 +129,6 @@ _SCOUT_S = 1.5
 
 def examine_host(settings: NodeSettings, session: Session) -> ExaminedHost:
     """Look at this host and its session; the trial of scouting takes 1 to 2 s."""
-    scouts = local_scouts()
     return ExaminedHost(
         versions={
             "Python": platform.python_version(),
@@ -141,8 +144,7 @@ def examine_host(settings: NodeSettings, session: Session) -> ExaminedHost:
         unreachable={
             endpoint: why for endpoint in settings.connect if (why := why_unreachable(endpoint))
         },
-        scouts=scouts,
-        stopped=frozenset(filter(is_stopped, scouts)),
+        **_scouts(local_scouts().items()),
         name=socket.gethostname(),
         listens_beyond=listens_beyond_loopback(zenoh_config(settings)),
     )
@@ -185,6 +187,12 @@ def local_scouts() -> dict[int, str]:
             with suppress(OSError):
                 found[int(process.name)] = (process / "comm").read_text().strip()
     return found
+
+
+def _scouts(processes: Iterable[tuple[int, str]]) -> dict[str, Any]:
+    """The fields of an ExaminedHost that say which processes scout."""
+    scouts = dict(processes)
+    return {"scouts": scouts, "stopped": frozenset(filter(is_stopped, scouts))}
 
 
 def is_stopped(pid: int) -> bool:

@@ -11,7 +11,7 @@ from typing import Any, Generic, Literal, Protocol, TypeAlias, TypeVar
 from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import TransformException
 from tfbus.base.lazy_numpy import NDArray
-from tfbus.base.wording import duration, natural_order
+from tfbus.base.wording import duration, natural_order, offset
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.moment import BusMoment, BusView
 from tfbus.frames.snapshot import FrameTree
@@ -286,7 +286,7 @@ class Column(Generic[T]):
         if self.form == _DURATION:
             return duration(value)
         if self.form == _OFFSET:
-            return f"{'+' if value >= 0 else ''}{duration(value)}"
+            return offset(value)
         return format(value, self.form)
 
 

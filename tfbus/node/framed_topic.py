@@ -5,8 +5,8 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeVar, get_type_hints
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, TypeVar
 
 from tfbus.base import scheduler
 from tfbus.base.arguments import is_async
@@ -21,6 +21,7 @@ from tfbus.base.errors import (
 from tfbus.base.executor import Executor
 from tfbus.base.names import mistake_in
 from tfbus.base.signals import StopSignals
+from tfbus.base.wording import counted
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.pending import PendingLookup
 from tfbus.bus.session import Session
@@ -66,8 +67,8 @@ def into_frame(
     queue: int,
 ) -> InFrame:
     """The frame that a subscription was made with. Raises TypeError and ValueError."""
-    names = get_type_hints(message_type)
-    if not {"stamp_ns", "frame_id"} <= names.keys():
+    names = [each.name for each in fields(message_type)]
+    if not {"stamp_ns", "frame_id"} <= {*names}:
         raise TypeError(
             f"{call} with in_frame: messages must have stamp_ns and frame_id, and those of "
             f"{message_type.__name__} have {', '.join(names) or 'no fields'}"
@@ -265,7 +266,7 @@ class FramedSubscription(Subscription[M]):
         if not self._queues[frame]:
             del self._queues[frame]
         oldest.lookup.close()
-        self._drop(oldest.message, QUEUE_FULL, f"{self.into.queue} others wait")
+        self._drop(oldest.message, QUEUE_FULL, f"{counted(self.into.queue, 'message')} may wait")
 
     def _drop(self, message: Any, reason: str, why: str) -> None:
         with self._lock:

@@ -70,6 +70,7 @@ class Parameter:
         if type(default) not in _TYPE_NAMES:
             raise ParameterError(f"a parameter cannot be of type {type(default).__name__}")
         self.name = check_parameter(name)
+        bounds.check(name, default)
         self.value: Any = default
         self.description = description
         self._type: type = type(default)

@@ -754,13 +754,15 @@ def is_in_ros_layout(values: Mapping[Any, object]) -> bool:
 
 def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a message with the header of ROS. Raises KeyError if one of ours is missing,
-    TypeError for a stamp that is no integer, and if there is a header.
+    TypeError for a stamp that is no integer, a frame that is no text, and if there is a header.
     """
     if HEADER in values:
         raise TypeError("it has a header beside stamp_ns")
     stamp_ns = values["stamp_ns"]
     if type(stamp_ns) is not int:
         raise TypeError("stamp_ns must be an integer")
+    if not isinstance(values["frame_id"], str):
+        raise TypeError(f"frame_id must be a text, not {values['frame_id']!r:.60}")
     seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
     stamp = {"sec": seconds, "nanosec": nanoseconds}
     others = {name: value for name, value in values.items() if name not in OF_HEADER}

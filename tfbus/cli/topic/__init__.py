@@ -285,6 +285,7 @@ def _end_lines(end: Endpoint) -> list[str]:
         f"    Pid: {end.pid}",
         *(["    Retained: its last message reaches late subscribers"] if end.retained else ()),
         *([f"    Poses: {end.poses}"] if end.poses else ()),
+        *([f"    Filter: {end.filtered}"] if end.filtered else ()),
     ]
 
 

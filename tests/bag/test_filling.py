@@ -174,6 +174,28 @@ def robot_with_arm(bus: Bus, tmp_path: Path) -> tuple[Program, list[int]]:
     return process, sent
 
 
+def test_an_outage_while_another_gap_is_filled_is_filled_to_its_end(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """The robot has it on its disk only seconds after its end, however soon the gap before it has
+    been filled.
+    """
+    process, sent = robot_with_arm(bus, tmp_path)
+    network = bus.network
+    network.run(until=lambda: "recorder was out of reach" in process.stderr)
+    network.run(7.0)
+    while "Filled the" not in process.stderr:
+        network.partition("arm", "base")
+        network.run(1.2)
+        network.heal()
+        network.run(0.3)
+    network.run(60.0)
+    assert process.stop() == 0
+    assert "stream 'robot7/sim' are missing" in process.stderr
+    came = stamps_in(tmp_path / "base.mcap")
+    assert came == [stamp for stamp in sent if came[0] <= stamp <= came[-1]]
+
+
 def test_a_stream_that_is_back_after_its_gap_was_filled_is_recorded_once(
     bus: Bus, tmp_path: Path
 ) -> None:

@@ -5,7 +5,7 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -55,11 +55,12 @@ def write_ply(cloud: PointCloud, path: Path) -> None:
         if name in ("rgb", "rgba") and numbers.ndim == 1 and numbers.dtype.itemsize == 4:
             packed = np.ascontiguousarray(numbers).view("<u4")
             for color, shift in zip(_COLORS, (16, 8, 0), strict=True):
-                columns[color] = (packed >> shift).astype("u1")
+                columns[_other_than(columns, color)] = (packed >> shift).astype("u1")
         elif numbers.ndim == 1:
-            columns[name] = numbers
+            columns[_other_than(columns, name)] = numbers
         else:
-            columns |= {f"{name}_{at}": numbers[:, at] for at in range(numbers.shape[1])}
+            for at in range(numbers.shape[1]):
+                columns[_other_than(columns, f"{name}_{at}")] = numbers[:, at]
     header = ["ply", "format binary_little_endian 1.0", f"comment stamp_ns {cloud.stamp_ns}"]
     header += [f"comment frame_id {_word(cloud.frame_id)}", f"element vertex {len(cloud)}"]
     header += [f"property {_PLY_TYPES[_kind(each)]} {name}" for name, each in columns.items()]
@@ -198,19 +199,11 @@ def _read(path: Path, readers: Mapping[str, Callable[[Path], M]], what: str) -> 
         )
     try:
         return reader(path)
-    except InvalidArgumentException:
+    except (InvalidArgumentException, OSError):
         raise
-    except (
-        ValueError,
-        KeyError,
-        TypeError,
-        MemoryError,
-        EOFError,
-        SyntaxError,
-        zipfile.BadZipFile,
-        zlib.error,
-    ) as error:
-        said = str(error.args[0] if error.args else type(error).__name__).splitlines()[0][:200]
+    except Exception as error:  # of numpy, zipfile and Pillow, which do not say all of theirs
+        lines = str(error.args[0] if error.args else "").splitlines()
+        said = (lines or [type(error).__name__])[0][:200]
         raise InvalidArgumentException(f"{path} has no {what} that can be read: {said}") from error
 
 
@@ -249,16 +242,19 @@ def _word(text: str) -> str:
 
 def _columns(cloud: PointCloud) -> list[tuple[str, NDArray[Any]]]:
     """The columns, each by a name of its own that is one word."""
-    names: set[str] = set()
-    columns = []
+    columns: dict[str, NDArray[Any]] = {}
     for each in cloud.fields:
-        name = _word(each.name)
-        while name in names:
-            name += "_"
-        names.add(name)
         numbers = cloud[each.name]
-        columns.append((name, numbers.astype(numbers.dtype.newbyteorder("<"), copy=False)))
-    return columns
+        name = _other_than(columns, _word(each.name))
+        columns[name] = numbers.astype(numbers.dtype.newbyteorder("<"), copy=False)
+    return list(columns.items())
+
+
+def _other_than(names: Container[str], name: str) -> str:
+    """The name, with underlines behind it as long as there is another one of it."""
+    while name in names:
+        name += "_"
+    return name
 
 
 def _kind(numbers: NDArray[Any]) -> str:

@@ -131,6 +131,7 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
         network.run(30.0)
     assert process.stop() == 0
     assert process.stderr.count("Filled the") == 2
+    print(process.stderr)
     assert "stream 'robot7/sim' are missing" in process.stderr
     assert "out of reach" not in process.stderr
     came = stamps_in(path)
@@ -140,6 +141,76 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
     assert abs(len(flags) - len(came) // 5) <= 1
     assert not [item for item in items if isinstance(item, EventItem) and "gone" in item.kind]
+
+
+def robot_with_arm(bus: Bus, tmp_path: Path) -> tuple[Program, list[int]]:
+    """The recorder of a base, of a robot whose arm has a link of its own; what the arm sends. Their
+    links are lost for two minutes.
+    """
+    network = bus.network
+    base, robot, arm = (network.host(name) for name in ("base", "robot", "arm"))
+    network.path(robot, base, delay_s=0.05, multicast=False, bytes_a_second=5_000.0)
+    network.path(arm, base, delay_s=0.05, multicast=False)
+    process = recording_of_base(bus, tmp_path / "base.mcap", "--listen", "udp/[::]:7447")
+    connect = ("udp/base:7447",)
+    with network.process("arm", "sim"):
+        node = Node(settings=NodeSettings("sim", namespace="robot7", connect=connect))
+        broadcaster = TransformBroadcaster(node)
+    sent: list[int] = []
+
+    def send() -> None:
+        sent.append(node.now_ns())
+        broadcaster.send_transform(at(len(sent), "base_link", sent[-1]))
+
+    node.create_timer(0.2, send)
+    Bus(network, "robot").start(
+        *("bag", "record", "--keep", "1h", "-o", str(tmp_path / "kept")),
+        *("--namespace", "robot7", "--name", "recorder", "--connect", *connect),
+    )
+    network.run(20.0)
+    network.partition("base")
+    network.run(120.0)
+    network.heal()
+    return process, sent
+
+
+def test_an_outage_while_another_gap_is_filled_is_filled_to_its_end(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """The robot has it on its disk only seconds after its end, however soon the gap before it has
+    been filled.
+    """
+    process, sent = robot_with_arm(bus, tmp_path)
+    network = bus.network
+    network.run(until=lambda: "recorder was out of reach" in process.stderr)
+    network.run(7.0)
+    while "Filled the" not in process.stderr:
+        network.partition("arm", "base")
+        network.run(1.2)
+        network.heal()
+        network.run(0.3)
+    network.run(60.0)
+    assert process.stop() == 0
+    assert "stream 'robot7/sim' are missing" in process.stderr
+    came = stamps_in(tmp_path / "base.mcap")
+    assert came == [stamp for stamp in sent if came[0] <= stamp <= came[-1]]
+
+
+def test_a_stream_that_is_back_after_its_gap_was_filled_is_recorded_once(
+    bus: Bus, tmp_path: Path
+) -> None:
+    """Only the messages after the last filled one are missing then."""
+    process, sent = robot_with_arm(bus, tmp_path)
+    network = bus.network
+    network.partition("arm", "base")
+    network.run(until=lambda: "Filled the" in process.stderr)
+    network.run(2.0)
+    network.heal()
+    network.run(until=lambda: process.stderr.count("Filled the") == 2)
+    network.run(10.0)
+    assert process.stop() == 0
+    came = stamps_in(tmp_path / "base.mcap")
+    assert came == [stamp for stamp in sent if came[0] <= stamp <= came[-1]]
 
 
 def keeper_of_one() -> _Keeper:

@@ -1,7 +1,9 @@
 """`tfbus bag export` of clouds and images, and its files, read by others and back."""
 
 import errno
+import io
 import os
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -190,6 +192,14 @@ def test_another_library_reads_a_png(tmp_path: Path) -> None:
         write_png(Image.from_pixels(0, "", deep.astype(np.float32)), path)
 
 
+def archive(points: bytes) -> bytes:
+    """An npz with an array of these bytes."""
+    made = io.BytesIO()
+    with zipfile.ZipFile(made, "w") as parts:
+        parts.writestr("points.npy", points)
+    return made.getvalue()
+
+
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -200,7 +210,11 @@ def test_another_library_reads_a_png(tmp_path: Path) -> None:
         ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH -1\nDATA ascii\n"),
         ("a.pcd", b"FIELDS x\nSIZE\nTYPE F\nWIDTH\nDATA\n"),
         ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 1\nDATA binary_compressed\nabcd"),
+        ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH\nDATA ascii\n1\n"),
         ("a.npz", b"PK no archive"),
+        ("a.npz", archive(bytes(100)).replace(b"\x14\x00", b"\xff\x00")),
+        ("a.npy", archive(bytes(100))),
+        ("a.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '|O',("),
         ("a.npy", b"\x93NUMPY\x01\x00\x10\x00{'descr': '|O'}\n"),
         ("a.pcd", b"FIELDS x\nSIZE 4\nTYPE F\nWIDTH 999999999999999999999\nDATA ascii\n1\n"),
         ("a.ply", b"ply"),
@@ -224,6 +238,16 @@ def test_a_hostile_cloud_is_refused_in_a_sentence(
     path.write_bytes(content)
     with pytest.raises(InvalidArgumentException, match=name):
         read_cloud(path)
+
+
+def test_a_ply_has_all_columns_though_their_parts_have_names_of_others(tmp_path: Path) -> None:
+    """As of a colour beside `red`, and of three normals beside `normal_0`."""
+    kinds = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("rgb", "f4"), ("red", "u1"), ("n", "f4", (2,))]
+    points = np.zeros(1, [*kinds, ("n_0", "f4")])
+    points["red"], points["n"], points["n_0"] = 7, (1.0, 2.0), 3.0
+    write_ply(PointCloud.from_array(0, "map", points), tmp_path / "a.ply")
+    read = read_cloud(tmp_path / "a.ply")
+    assert [read[name].tolist() for name in ("red_", "n_0", "n_1", "n_0_")] == [[7], [1], [2], [3]]
 
 
 @pytest.mark.parametrize(

@@ -198,3 +198,16 @@ def test_a_load_is_that_on_the_air() -> None:
     assert robot.messages_hz == 10.0
     # 6.8 kB/s at 20 Hz, as benchmarks.bus.air counts them.
     assert robot.bytes_per_s == pytest.approx(3340, rel=0.02)
+
+
+def test_a_robot_that_is_expected_is_one_also_below_a_namespace_with_nodes() -> None:
+    """As of a server of maps for all robots of a site; what is not expected is a part of it."""
+    names = ("site", "site/robot1", "site/robot1/arm", "site/door")
+    streams = [StreamInfo(f"{name}/sim", node=f"/{name}/sim", alive=True) for name in names]
+    watch = FleetWatch(["site/robot1", "site/robot2"])
+    robots = {robot.name: robot for robot in watch.robots(moment(1.0, *streams))}
+    assert {name: robot.state for name, robot in robots.items()} == {
+        "site": "there",
+        "site/robot1": "there",
+        "site/robot2": "missing",
+    }

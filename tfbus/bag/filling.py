@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import Literal
 
 from tfbus.bag.capture import Capture
@@ -55,8 +54,10 @@ _MOST_KEEPERS = 1_000
 # Each stream of a robot tells of an outage.
 _MOST_OUTAGES = 10_000
 
-# More losses of a link are one gap.
+# More losses of a link are one gap. So are outages that meet, of a minute together at most: a gap is
+# filled after its end.
 _MOST_GAPS = 100
+_GROWS_BY_NS = 60_000_000_000
 
 _WRITTEN_WITHIN_S = 60.0
 
@@ -78,6 +79,10 @@ class _Gap:
     fill: Fill | None = None
     left_s: float = 0.0
     messages: int = 0
+    grows_until_ns: int = 0
+
+    def __post_init__(self) -> None:
+        self.grows_until_ns = self.until_ns + _GROWS_BY_NS
 
     @property
     def noticed_ns(self) -> int:
@@ -103,6 +108,8 @@ class _Keeper:
         self.lost_ns: int | None = None
         self.gaps: list[_Gap] = []
         self.asking: AskPages | None = None
+        # Whether it is going to be asked.
+        self.is_due = False
         self._prefix = name.rpartition("/")[0] + "/"
 
     def add(self, gap: _Gap) -> bool:
@@ -114,7 +121,12 @@ class _Keeper:
         # The first is being asked for, if one is: it stays as it is.
         last = self.gaps[-1] if len(self.gaps) > (self.asking is not None) else None
         # One of which a part has been asked for ends where it was to end then.
-        meets = last is not None and not last.place and gap.lost_ns <= last.until_ns
+        meets = (
+            last is not None
+            and not last.place
+            and gap.lost_ns <= last.until_ns
+            and gap.until_ns <= last.grows_until_ns
+        )
         if last is not None and (meets or len(self.gaps) >= _MOST_GAPS):
             last.from_ns = min(gap.from_ns, last.from_ns)
             last.lost_ns = min(gap.lost_ns, last.lost_ns)
@@ -215,7 +227,7 @@ class Filling:
             if keeper.is_there and keeper.has(stream, is_here):
                 around_ns = from_ns - _OVERLAP_NS, from_ns, until_ns + _OVERLAP_NS
                 self._add_gap(keeper, _Gap(*around_ns, stream))
-                self._executor.after(_AFTER_S, partial(self._fill, keeper))
+                self._fill_later(keeper, _AFTER_S)
                 self._note_received()
 
     def _on_token(self, key: str, alive: bool) -> None:
@@ -248,7 +260,7 @@ class Filling:
             lost_ns, now_ns = keeper.lost_ns, self._recorder.now_ns()
             self._add_gap(keeper, _Gap(lost_ns - _BEFORE_NS, lost_ns, now_ns + _OVERLAP_NS))
             keeper.lost_ns = None
-            self._executor.after(_AFTER_S, lambda: self._fill(keeper))
+            self._fill_later(keeper, _AFTER_S)
         self._note_received()
 
     def _name_of(self, key: str) -> str:
@@ -293,11 +305,26 @@ class Filling:
         held = any(each.gaps or each.lost_ns is not None for each in self._keepers.values())
         self._recorder.notice_received(held=held)
 
+    def _fill_later(self, keeper: _Keeper, after_s: float) -> None:
+        if keeper.is_due:
+            return
+
+        def fill() -> None:
+            keeper.is_due = False
+            self._fill(keeper)
+
+        keeper.is_due = True
+        self._executor.after(after_s, fill)
+
     def _fill(self, keeper: _Keeper) -> None:
-        """Ask for the first gap, unless that is done already."""
+        """Ask for the first gap, unless that is done already, or once its end is on the disk."""
         if keeper.asking is not None or not keeper.gaps or not keeper.is_there:
             return
         gap = keeper.gaps[0]
+        ended_s = (self._recorder.now_ns() - gap.until_ns + _OVERLAP_NS) / 1e9
+        if ended_s < _AFTER_S:
+            self._fill_later(keeper, _AFTER_S - ended_s)
+            return
         written: list[tuple[Page, Future[object]]] = []
 
         def take_written() -> bool:
@@ -330,7 +357,7 @@ class Filling:
                 self._end_gap(keeper, gap)
                 self._fill(keeper)
             elif keeper.is_there:
-                self._executor.after(_AGAIN_S, lambda: self._fill(keeper))
+                self._fill_later(keeper, _AGAIN_S)
 
         asking = keeper.asking = AskPages(
             self._session,

@@ -344,9 +344,14 @@ class MissedMessages:
         if not isinstance(item, TransformItem) or item.seq is None or item.static:
             return
         epoch_ns, expected, _ = self._next.get(source, (None, 0, 0))
-        if epoch_ns == item.stream.epoch_ns and item.seq < expected and self.count:
+        if epoch_ns != item.stream.epoch_ns:
+            return
+        if item.seq < expected:
             self._missing.pop((source, epoch_ns, item.seq), None)
-            self.count -= 1
+            self.count = max(self.count - 1, 0)
+        else:
+            # The stream itself is not back yet: only what is missing after this is an outage then.
+            self._expect(source, item, item.seq, expected)
 
     def _add(self, source: MessageSource, item: TransformItem, seq: int) -> None:
         epoch_ns = item.stream.epoch_ns
@@ -358,12 +363,16 @@ class MissedMessages:
         epoch, expected, last_ns = self._next.get(source, (None, 0, 0))
         if epoch != epoch_ns:
             expected = seq
-        if seq > expected:
-            self.count += seq - expected
-            for number in range(max(expected, seq - _MOST_LATE), seq):
-                self._missing[source, epoch_ns, number] = None
-            if item.log_ns - last_ns >= _OUTAGE_NS:
-                self.on_outage(item.stream.name, last_ns, item.log_ns)
+        if seq > expected and item.log_ns - last_ns >= _OUTAGE_NS:
+            self.on_outage(item.stream.name, last_ns, item.log_ns)
+        self._expect(source, item, seq, expected)
+
+    def _expect(self, source: MessageSource, item: TransformItem, seq: int, expected: int) -> None:
+        """Note that the messages from the expected number on are missing, up to this one."""
+        epoch_ns = item.stream.epoch_ns
+        self.count += max(seq - expected, 0)
+        for number in range(max(expected, seq - _MOST_LATE), seq):
+            self._missing[source, epoch_ns, number] = None
         self._next[source] = (epoch_ns, max(expected, seq + 1), item.log_ns)
 
 

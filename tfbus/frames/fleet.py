@@ -3,7 +3,7 @@ robots that are expected.
 """
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -187,7 +187,8 @@ class FleetWatch:
     def _parts(self, moment: BusMoment, has_frames: bool) -> dict[str, _Parts]:
         nodes = {name: _below(namespace_of_node(name), moment) for name in moment.node_names}
         streams = {name: _of_stream(each, moment) for name, each in moment.streams.items()}
-        robots = _robots({*nodes.values(), *streams.values(), *self._roster, *self._seen})
+        namespaces = {*nodes.values(), *streams.values(), *self._roster, *self._seen}
+        robots = _robots(namespaces, self._roster)
         parts = {name: _Parts() for name in {*robots.values()} - self._roster.keys()}
         parts |= {name: _Parts() for name in self._seen}
         for name, namespace in nodes.items():
@@ -345,13 +346,13 @@ def _of_stream(stream: StreamInfo, moment: BusMoment) -> str:
     return stream.name.rpartition("/")[0]
 
 
-def _robots(namespaces: set[str]) -> dict[str, str]:
+def _robots(namespaces: set[str], roster: Container[str]) -> dict[str, str]:
     """The robot of each namespace: `robot7` of `robot7/arm` too, if that has nodes of its own, or
-    is expected.
+    is expected, and the arm is not.
     """
     robots: dict[str, str] = {}
     for namespace in sorted(namespaces - {""}, key=len):
-        above = namespace
+        above = "" if namespace in roster else namespace
         while above := above.rpartition("/")[0]:
             if above in robots:
                 break

@@ -54,8 +54,8 @@ _MOST_KEEPERS = 1_000
 # Each stream of a robot tells of an outage.
 _MOST_OUTAGES = 10_000
 
-# More losses of a link are one gap. So are outages that meet, of a minute together at most: a gap is
-# filled after its end.
+# More losses of a link are one gap. So are outages that meet, of a minute together at most: a gap
+# is filled after its end.
 _MOST_GAPS = 100
 _GROWS_BY_NS = 60_000_000_000
 

@@ -14,7 +14,7 @@ from tests.buses import eventually
 from tests.fakes import InAThread
 from tfbus.base import scheduler
 from tfbus.base.lazy_exports import exported
-from tfbus.base.signals import SignalHandlers, SignalledStop, StopSignals
+from tfbus.base.signals import SignalHandlers, SignalledStop, StopSignals, held_signals
 
 
 @pytest.fixture
@@ -100,6 +100,16 @@ def test_a_signal_while_it_is_held_is_told_once(signals: StopSignals) -> None:
         os.kill(os.getpid(), signal.SIGINT)
         assert signals.wait(None)
         assert not signals.wait(0.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_library_is_not_interrupted_where_signals_are_held(
+    signals: StopSignals, number: int
+) -> None:
+    """Though another object of the process, such as a node, does not hold them."""
+    with held_signals() as held:
+        signal.raise_signal(number)
+        assert held.consume()
 
 
 def test_ctrl_c_counts_though_an_import_swallows_it(

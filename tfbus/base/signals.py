@@ -109,6 +109,19 @@ class StopSignals:
                 handlers.restore()
 
 
+@contextmanager
+def held_signals() -> Iterator[StopSignals]:
+    """Until the end of its `with` no signal raises KeyboardInterrupt: a library would not be left
+    as it should.
+    """
+    signals = StopSignals()
+    try:
+        with signals.held():
+            yield signals
+    finally:
+        signals.uninstall()
+
+
 class Wakeup:
     """Ends a wait from another thread, once, until the end of its `with`."""
 

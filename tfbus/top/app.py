@@ -21,7 +21,7 @@ from textual.widgets import (
     TabPane,
 )
 
-from tfbus.base.signals import StopSignals
+from tfbus.base.signals import StopSignals, held_signals
 from tfbus.base.wording import counted, duration
 from tfbus.frames.moment import State
 from tfbus.frames.report import EDGES, STREAMS, Column
@@ -368,9 +368,5 @@ def show(source: TopSource) -> None:
     A KeyboardInterrupt in the midst of Textual would leave its threads running, and the terminal
     as it is: the screen ends as by its key.
     """
-    signals = StopSignals()
-    try:
-        with signals.held():
-            TopApp(source, signals).run()
-    finally:
-        signals.uninstall()
+    with held_signals() as signals:
+        TopApp(source, signals).run()

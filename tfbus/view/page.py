@@ -12,6 +12,7 @@ import numpy as np
 from tfbus.base.addresses import names_to_open, names_to_open_elsewhere
 from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.log import LogOnce
+from tfbus.base.signals import held_signals
 from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
@@ -228,14 +229,19 @@ class Page:
         return bool(self.server.get_clients())
 
     def run(self) -> None:
-        """Keep the page up to date until the node is shut down."""
+        """Keep the page up to date until the node is shut down, or a signal comes."""
         period_s = 1.0 / self._serving.rate_hz
         due_s = time.monotonic()
-        # Browsers are watched in real time, also while a simulated time stands still.
-        while self._host.wait(max(0.0, due_s - time.monotonic()), clock=SYSTEM_CLOCK):
-            due_s = max(due_s + period_s, time.monotonic())
-            if not self._is_held:
-                self._try_step()
+        # A KeyboardInterrupt in the midst of viser leaves a coroutine that nobody awaits.
+        with held_signals() as signals:
+            # Browsers are watched in real time, also while a simulated time stands still.
+            while (
+                self._host.wait(max(0.0, due_s - time.monotonic()), clock=SYSTEM_CLOCK)
+                and not signals.consume()
+            ):
+                due_s = max(due_s + period_s, time.monotonic())
+                if not self._is_held:
+                    self._try_step()
 
     def hold(self) -> None:
         """Let all browsers see everything that is there now, and leave the page so."""

@@ -14,11 +14,11 @@ from tests import needs
 from tfbus import SettingsError
 from tfbus.cli import main
 
-needs.module("cryptography")
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
 
-from tfbus.bus.identity_folder import open_folder  # noqa: E402 - needs it
-from tfbus.bus.keystore import Keystore, write_private  # noqa: E402 - needs it
-from tfbus.bus.rights import Identity  # noqa: E402 - needs it
+from tfbus.bus.identity_folder import open_folder
+from tfbus.bus.keystore import Keystore, write_private
+from tfbus.bus.rights import Identity
 
 
 @pytest.fixture

@@ -6,18 +6,17 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
 from tests.live_bus import free_port
 from tfbus import BusError, NodeSettings
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.session import Session
 
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+
+from tfbus.bus.keystore import Keystore
+from tfbus.bus.rights import Identity
+
 pytestmark = pytest.mark.real
-
-needs.module("cryptography")
-
-from tfbus.bus.keystore import Keystore  # noqa: E402 - needs it
-from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 LOG = logging.getLogger("test")
 

@@ -10,7 +10,6 @@ import msgpack
 import pytest
 import zenoh
 
-from tests import needs
 from tests.buses import DEADLINE_S, eventually, keep_sending
 from tests.live_bus import free_port
 from tfbus import (
@@ -25,12 +24,12 @@ from tfbus import (
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.messages import Pose
 
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+
+from tests.closed_bus import ClosedBus
+from tfbus.bus.rights import Identity
+
 pytestmark = pytest.mark.real
-
-needs.module("cryptography")
-
-from tests.closed_bus import ClosedBus  # noqa: E402 - needs it
-from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 # What only the arm may send, or no identity.
 OF_OTHERS = [

@@ -5,13 +5,12 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
 from tfbus.base.errors import SettingsError
 
-needs.module("cryptography")
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
 
-from tfbus.bus.keystore import Issued, make_for_server  # noqa: E402 - needs it
-from tfbus.command.server_access import made_tls, tls_of_files  # noqa: E402 - needs it
+from tfbus.bus.keystore import Issued, make_for_server
+from tfbus.command.server_access import made_tls, tls_of_files
 
 
 @pytest.fixture

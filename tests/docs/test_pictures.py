@@ -7,13 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
 from tests.docs.pages import PAGES, ROOT
 
-needs.module("PIL")
-needs.module("textual")
+pytest.importorskip("PIL", reason="needs PIL: pip install PIL")
+pytest.importorskip("textual", reason="needs textual: pip install textual")
 
-from docs import pictures  # noqa: E402
+from docs import pictures
 
 EXAMPLES = sorted((ROOT / "examples").glob("*.*"))
 MADE = sorted(pictures.PICTURES)

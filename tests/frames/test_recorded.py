@@ -18,7 +18,7 @@ from tests.recordings import (
     steadily,
     write,
 )
-from tfbus import Fleet
+from tfbus import Fleet, TimeoutException
 from tfbus.frames.document import as_map
 from tfbus.frames.moment import state
 from tfbus.frames.recorded import RecordedFrames
@@ -205,6 +205,14 @@ def cut_off(path: Path) -> None:
     with RecordingReader(path) as reader:
         last = max(chunk.offset + chunk.length for part in reader.parts for chunk in part.chunks)
     os.truncate(path, last)
+
+
+def test_a_lookup_in_a_moment_waits_for_nothing(recording: RecordingReader) -> None:
+    """The moment stands, whatever the time that the lookup would wait."""
+    frames = RecordedFrames(recording)
+    frames.seek(at(5.0))
+    with pytest.raises(TimeoutException, match="late"):
+        frames.buffer.lookup_transform("world", "late", timeout_s=1e6)
 
 
 def test_to_go_back_is_to_seek(recording: RecordingReader) -> None:

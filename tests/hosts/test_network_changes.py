@@ -14,13 +14,13 @@ from tests.hosts.fault_witness import PERIOD_S
 from tests.hosts.network import ROUTER_HOST, Hosts, Network, frames
 from tests.live_bus import Bus, Process
 
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+
+from tfbus.bus.keystore import Keystore
+from tfbus.bus.rights import Identity
+
 REASON = needs.why_no_hosts()
 pytestmark = [pytest.mark.real, pytest.mark.skipif(bool(REASON), reason=REASON or "-")]
-
-needs.module("cryptography")
-
-from tfbus.bus.keystore import Keystore  # noqa: E402 - needs it
-from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 NAMES = ("robot", "desk")
 # A link that is lost is noticed in less than the time of so many reports.

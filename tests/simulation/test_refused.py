@@ -70,7 +70,7 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     ),
     "zenoh": (lambda: zenoh.open(zenoh.Config()), "a session of Zenoh's own .* topics"),
     "asyncio's programs": (
-        lambda: asyncio.run(asyncio.create_subprocess_exec("ls")),  # type: ignore[arg-type]
+        lambda: asyncio.run(asyncio.create_subprocess_exec("ls")),
         "subprocess of asyncio .* a topic",
     ),
     "asyncio's files": (

@@ -4,6 +4,7 @@ A step knows how to put itself to a `tfbus.Buffer`, how to tell itself to tests/
 how to write itself down as Python. Both sides answer with an `Answer`.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import sqrt
@@ -46,7 +47,7 @@ class Answer:
         return " ".join(str(fact) for fact in facts if fact not in (None, ""))
 
 
-class Step:
+class Step(ABC):
     """One insert or one question."""
 
     def ask(self, buffer: Buffer) -> Answer:
@@ -56,12 +57,13 @@ class Step:
         except TransformException as error:
             return Answer(_kind(error), text=str(error))
 
+    @abstractmethod
     def _ask(self, buffer: Buffer) -> Answer:
-        raise NotImplementedError
+        """Put it to tfbus."""
 
+    @abstractmethod
     def for_tf2(self) -> list[Any]:
         """The step as the oracle takes it."""
-        raise NotImplementedError
 
     def stamps(self) -> tuple[int | None, ...]:
         """The times that it names."""
@@ -71,9 +73,9 @@ class Step:
         """The (target, source) that it asks about."""
         return ()
 
+    @abstractmethod
     def python(self) -> str:
         """The step as a line of Python, where `buffer` is a tfbus.Buffer."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,13 @@
 
 import pytest
 
-from tests import needs
 from tfbus.command.server_access import AccessToken
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
-needs.module("cryptography")
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
 
-from tfbus.command.server_access import made_tls  # noqa: E402 - needs it
-from tfbus.view.server import Access, PageReply  # noqa: E402 - needs it
+from tfbus.command.server_access import made_tls
+from tfbus.view.server import Access, PageReply
 
 TLS = made_tls("127.0.0.1")
 

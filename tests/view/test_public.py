@@ -13,15 +13,14 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from tests import needs
 from tests.buses import DEADLINE_S
 from tests.live_bus import Bus, Process, free_port
 from tests.view.pages import PATIENCE_S, Arm, View, window_of
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
-needs.module("cryptography")
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
 
-import viser  # noqa: E402 - needs it
+import viser
 
 ELSEWHERE = """<!doctype html><p id="said">waiting</p><script>
 const socket = new WebSocket('{address}', 'viser-v{version}');

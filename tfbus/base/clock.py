@@ -5,6 +5,7 @@ clock has run, and never goes back: timers and timeouts count by it, and have as
 jump back as before it.
 """
 
+from abc import abstractmethod
 from collections.abc import Callable, Coroutine
 from typing import Any
 
@@ -52,9 +53,9 @@ class Limit:
     """
 
     @property
+    @abstractmethod
     def passed(self) -> bool:
         """Whether the wait is over."""
-        raise NotImplementedError
 
     @property
     def cut_short(self) -> bool:
@@ -62,9 +63,9 @@ class Limit:
         return False
 
     @property
+    @abstractmethod
     def left_s(self) -> float | None:
         """Real seconds to sleep at most; None: until woken."""
-        raise NotImplementedError
 
     def __enter__(self) -> "Limit":
         return self
@@ -81,13 +82,13 @@ class Clock:
     def __call__(self) -> int:
         return self.now_ns()
 
+    @abstractmethod
     def now_ns(self) -> int:
         """The time now, in nanoseconds since the Unix epoch."""
-        raise NotImplementedError
 
+    @abstractmethod
     def elapsed_ns(self) -> int:
         """How long the clock has run, in nanoseconds from an arbitrary start; never goes back."""
-        raise NotImplementedError
 
     @property
     def is_running(self) -> bool:
@@ -101,13 +102,13 @@ class Clock:
         """Call `wake()` once, as soon as the clock runs."""
         wake()
 
+    @abstractmethod
     def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
         """A limit `timeout_s` of this clock's seconds from now, None for no limit.
 
         A simulated clock calls `wake()` when it has passed, on the thread that sets the clock;
         `wake` returns at once. With the system's clock, sleep for `left_s`.
         """
-        raise NotImplementedError
 
     def add_jump_callback(self, callback: Jumped) -> None:
         """Call `callback(now_ns)` after each jump back of a simulated clock, on the thread that

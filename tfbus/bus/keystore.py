@@ -13,6 +13,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from cryptography import x509
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
@@ -149,7 +150,8 @@ def is_signed_by(pem: bytes, authority: bytes) -> bool:
     parent = x509.load_pem_x509_certificate(authority)
     try:
         x509.load_pem_x509_certificate(pem).verify_directly_issued_by(parent)
-    except Exception:  # of several kinds: another issuer, another key, a spoilt signature
+    # Another issuer, another kind of key, a spoilt signature, another algorithm.
+    except (ValueError, TypeError, InvalidSignature, UnsupportedAlgorithm):
         return False
     return True
 

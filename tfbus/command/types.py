@@ -7,6 +7,7 @@ from the recording.
 import math
 import os
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -145,12 +146,12 @@ def _dated(text: str) -> Moment:
 _PLACE = ("namespace", "mode", "connect", "listen", "config", "secure", "network")
 
 
-class _BusName(click.ParamType[str]):
+class _BusName(click.ParamType[str], ABC):
     """A name on the bus; a subclass says which are candidates."""
 
+    @abstractmethod
     def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
         """The names to complete with, and a help text for each."""
-        raise NotImplementedError
 
     def convert(
         self, value: object, param: click.Parameter | None, ctx: click.Context | None

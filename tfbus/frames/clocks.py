@@ -9,7 +9,7 @@ frame: the present time is then never covered.
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from tfbus.base.clock import Clock
+from tfbus.base.clock import SYSTEM_CLOCK, Clock, Limit, Wake
 from tfbus.base.stamps import MOST_AHEAD_NS
 from tfbus.base.wording import counted
 from tfbus.recording.items import TopicItem
@@ -137,6 +137,9 @@ class RecordedClock(Clock):
 
     def elapsed_ns(self) -> int:
         return self.log_ns
+
+    def limit(self, timeout_s: float | None, wake: Wake) -> Limit:
+        return SYSTEM_CLOCK.limit(0.0, wake)  # it stands, and nothing comes meanwhile
 
     def log_s(self) -> float:
         """The log time in seconds."""

@@ -235,8 +235,8 @@ class RecordedFrames:
     def _last_before_removal(
         self, stream: "_HeardStream", frame: str, before_ns: int
     ) -> Iterator[Item]:
-        """What a stream last said of a frame that it has removed: it had taken it over from others
-        if that is newer than what they said.
+        """The last messages of a stream about a frame that it has removed: if they are newer than
+        the ones of others, it had taken the frame over.
         """
         removed_ns = stream.removed_ns[frame]
         yield from self._last_messages(stream.full_name, {frame}, min(before_ns, removed_ns + S))

@@ -90,7 +90,7 @@ class Fabric:
     def open_session(self, settings: Any) -> ZenohSession:
         """Open a session in the process whose turn it is, as `zenoh.open`."""
         _check_settings(settings)
-        process: Process = self.tasks.current.place  # type: ignore[assignment]
+        process: Process = self.tasks.current.place
         session = ZenohSession(
             self,
             process,
@@ -115,7 +115,7 @@ class Fabric:
 
     def scout(self, handler: Any, what: str) -> Scout:
         """Ask who is there, as `zenoh.scout`: sessions answer if multicast gets to them."""
-        scout = Scout(self.tasks.current.place, Handler(handler))  # type: ignore[arg-type]
+        scout = Scout(self.tasks.current.place, Handler(handler))
         for session in self._sessions:
             paths = self._paths.both_ways(scout.process.host, session.process.host)
             if session.mode in what.split("|") and all(p.is_up and p.multicast for p in paths):

@@ -309,7 +309,8 @@ class SimulatedEventLoop(asyncio.BaseEventLoop):
 
     @property
     def _process(self) -> "Process":
-        return self._tasks.current.place  # type: ignore[return-value]
+        process: Process = self._tasks.current.place
+        return process
 
     def _process_events(self, event_list: list[Any]) -> None:
         pass
@@ -344,7 +345,8 @@ def scheduler_names(tasks: Tasks) -> dict[str, Any]:
     """All names that a simulation replaces."""
 
     def process() -> "Process":
-        return tasks.current.place  # type: ignore[return-value]
+        found: Process = tasks.current.place
+        return found
 
     not_a_main_thread = object()
 

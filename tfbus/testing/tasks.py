@@ -87,7 +87,8 @@ class Task:
 
     def __init__(self, name: str, place: TaskPlace) -> None:
         self.name = name
-        self.place = place
+        # The process that the caller of `start` has given, whatever its class.
+        self.place: Any = place
         self.turn = _thread.allocate_lock()
         self.turn.acquire()
         self.is_over = False

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from tests import needs
 from tests.builders import S, at
 from tests.buses import eventually, send_until
 from tests.fakes import Lines
@@ -16,12 +15,12 @@ from tests.ros.bridge.tf_node import TfNode
 from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
 from tfbus.ros.bridge.ros_clock import TOPIC, write_clock
 
+pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+
+from tests.closed_bus import ClosedBus
+from tfbus.bus.rights import Identity
+
 pytestmark = pytest.mark.real
-
-needs.module("cryptography")
-
-from tests.closed_bus import ClosedBus  # noqa: E402 - needs it
-from tfbus.bus.rights import Identity  # noqa: E402 - needs it
 
 Closed = Callable[..., ClosedBus]
 

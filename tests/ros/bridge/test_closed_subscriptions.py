@@ -46,7 +46,10 @@ def on_zenoh() -> Iterator[Subscriptions]:
 @contextmanager
 def on_rospy() -> Iterator[Subscriptions]:
     """Subscriptions of the leg to ROS 1, with a rospy in memory."""
-    nothing = lambda *_: None  # noqa: E731
+
+    def nothing(*_: object) -> None:
+        pass
+
     leg: Any = SimpleNamespace(began=nothing, ended=nothing, heard=nothing)
     message = SimpleNamespace(_connection_header={"callerid": "/talker"}, payload=HI_OF_ROS1)
     made: list[Callable[[object], None]] = []

@@ -334,6 +334,7 @@ class _Echo(click.Command):
 @click.option(
     "-p",
     "--precision",
+    metavar="N",
     type=click.IntRange(0, 17),
     default=3,
     show_default=True,
@@ -359,7 +360,9 @@ class _Echo(click.Command):
 @click.option(
     "--changed", is_flag=True, help="Print a transform only if it differs from the last printed."
 )
-@click.option("--count", type=click.IntRange(min=1), help="Print this many blocks and exit.")
+@click.option(
+    "--count", metavar="N", type=click.IntRange(min=1), help="Print this many blocks and exit."
+)
 @click.option(
     "-t",
     "--at",

@@ -273,7 +273,7 @@ class _Described:
 @click.option("--zero", is_flag=True, help="Stay at rest: 0, or the middle of the limits.")
 @click.option("--sweep", is_flag=True, help="Move each joint from limit to limit.")
 @click.option("--random", "is_random", is_flag=True, help="Move to random places.")
-@click.option("--seed", type=int, help="The same places with --random each time.")
+@click.option("--seed", metavar="N", type=int, help="The same places with --random each time.")
 @click.option(
     "--csv",
     "csv_path",

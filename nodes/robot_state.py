@@ -290,7 +290,9 @@ def _refuse_publish_frequency(ctx: click.Context, param: click.Parameter, text: 
 )
 @click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path), required=False)
 @click.argument("more_arguments", metavar="[NAME:=VALUE]...", nargs=-1)
-@click.option("--prefix", default="", metavar="TEXT", help="Put before all frames, such as left_.")
+@click.option(
+    "--prefix", default="", metavar="PREFIX", help="Put before all frames, such as left_."
+)
 @click.option(
     "--rate",
     type=Number(least=0.0, most=1e6),

@@ -350,6 +350,8 @@ class TestCommands:
         for each in commands:
             help_ = each.get_help(click.Context(each, context, terminal_width=80))
             assert "\n  Example" in help_
+            # An option's value has a name, not a type of click's.
+            assert not re.search(r"^  -.* (INTEGER|FLOAT|TEXT|RANGE)\b", help_, re.MULTILINE)
             assert max(map(len, help_.splitlines())) <= 80
 
     @pytest.mark.parametrize("name", ["keys", "node", "param", "service", "topic"])

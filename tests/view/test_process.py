@@ -2,6 +2,8 @@
 
 import http.client
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -92,6 +94,19 @@ def test_no_browser_can_share_the_page() -> None:
         assert server._share_tunnel is None
     finally:
         server.stop()
+
+
+@pytest.mark.real
+def test_a_server_that_ctrl_c_leaves_ends_without_a_word() -> None:
+    """Of viser, whose own end at the exit of Python writes one."""
+    code = f"from tfbus.view.server import serve; serve('127.0.0.1', {free_port()})"
+    ended = subprocess.run(
+        [sys.executable, "-c", f"{code}; raise KeyboardInterrupt"],
+        capture_output=True,
+        text=True,
+        timeout=2 * DEADLINE_S,
+    )
+    assert ended.stdout == "" and ended.stderr.endswith("KeyboardInterrupt\n")
 
 
 @pytest.mark.real

@@ -49,7 +49,12 @@ def _check_node(ctx: click.Context, param: click.Parameter, value: str) -> str:
 @click.command(epilog="Example: tfbus create my_robot --node my_node")
 @click.argument("package", callback=_check_package)
 @click.option(
-    "--node", default="my_node", callback=_check_node, show_default=True, help="The node's name."
+    "--node",
+    metavar="NAME",
+    default="my_node",
+    callback=_check_node,
+    show_default=True,
+    help="The node's name.",
 )
 @click.option(
     "--directory",

@@ -139,11 +139,17 @@ def _show(
     elif robots:
         print_lines(as_lines(robots, moment.at_ns, None if show_all else _height()))
     if not robots:
-        raise click.ClickException(
-            f"no robot in a namespace below: {is_running('node')} (tfbus NODE --namespace robot7)"
-        )
+        raise click.ClickException(_no_robot(moment))
     if has_roster and any(each.is_expected and each.state != "there" for each in robots):
         raise SystemExit(1)
+
+
+def _no_robot(moment: BusMoment) -> str:
+    """The sentence if there is none; nodes in no namespace below are none."""
+    why = is_running("node")
+    if names := sorted(moment.node_names):
+        why = f"{listed(names, most=2)} {'is' if len(names) == 1 else 'are'} in none"
+    return f"no robot in a namespace below: {why} (tfbus NODE --namespace robot7)"
 
 
 def _watch(
@@ -172,7 +178,7 @@ def _watch(
                     print_json({"at_ns": moment.at_ns} | asdict(robot))
             else:
                 lines = as_lines(robots, moment.at_ns, None if show_all else _height())
-                show(lines if robots else ["No robot yet"])
+                show(lines if robots else [f"Waiting: {_no_robot(moment)}"])
             lost.update(robots)
             if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
                 return

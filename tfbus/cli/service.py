@@ -188,7 +188,11 @@ def uninstall_command(name: str, system: bool, is_user: bool) -> None:
 @click.argument("file", metavar="FILE")
 @click.argument("arguments", nargs=-1, metavar=_AS_IN_LAUNCH, type=click.UNPROCESSED)
 @click.option(
-    "--extras", default="bag", show_default=True, help="The extras of tfbus in the image."
+    "--extras",
+    metavar="NAMES",
+    default="bag",
+    show_default=True,
+    help="The extras of tfbus in the image.",
 )
 def container_command(file: str, arguments: tuple[str, ...], extras: str) -> None:
     """Print a container file for an image that runs a launch file, with all in its folder.

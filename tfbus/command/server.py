@@ -125,6 +125,7 @@ def _options(variable: str, port: int) -> list[Callable[[Any], Any]]:
     return [
         click.option(
             "--host",
+            metavar="ADDRESS",
             help="The address to listen on (default 127.0.0.1, with --public 0.0.0.0).",
         ),
         click.option(

@@ -5,9 +5,11 @@ the address that is printed, or typed into a form. The browser then gets a cooki
 which no script reads and no other site's page sends, and an address without it.
 """
 
+import atexit
 import gzip
 import logging
 import socket
+import weakref
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -263,6 +265,8 @@ def serve(
             f"viser {viser.__version__} starts its server in a way that tfbus does not know: any "
             "web page could use it; install a known one: pip install 'viser==1.1.*'"
         )
+    # Before viser's own at the exit of a program that has not stopped it, which writes a line.
+    atexit.register(_stop_left, weakref.ref(server))
     _put_in_lanes(server)
     # Any browser could ask viser to pass the page on through a server of its makers.
     server.request_share_url = _unshared  # type: ignore[method-assign]
@@ -313,6 +317,11 @@ def stop(server: viser.ViserServer) -> None:
         server.stop()
         if thread is not None:
             thread.join(_STOP_S)
+
+
+def _stop_left(server: weakref.ref[viser.ViserServer]) -> None:
+    if left := server():
+        stop(left)
 
 
 @contextmanager

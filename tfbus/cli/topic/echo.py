@@ -238,6 +238,7 @@ _CALLED_IN_ROS = {
 @click.option(
     "-l",
     "--truncate-length",
+    metavar="N",
     type=click.IntRange(min=1),
     default=128,
     show_default=True,

@@ -1,6 +1,7 @@
 """The messages that the page draws beside the frames: found, placed, kept and refused."""
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as PathOfFile
@@ -253,6 +254,16 @@ def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None
     assert shown(1.8, marker(ns="", action=Marker.DELETEALL)) == set()
 
 
+def test_a_marker_that_is_sent_again_counts_once(buffer: Buffer) -> None:
+    """As many as can be drawn are, though all are moved just now; one more is refused."""
+    layer = layer_of(MarkerArray(tuple(map(marker, range(1500)))))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    layer.waiting.put(MarkerArray(tuple(map(marker, range(2001)))))
+    layer.step(buffer, "map", 1.0, SETTINGS)
+    assert len(layer.placed) == 2000
+    assert layer.dropped == {"cannot be drawn": 1}
+
+
 @pytest.mark.parametrize("kind", range(13))
 def test_a_marker_of_each_kind_is_drawn_but_meshes_without_a_file(
     kind: int, buffer: Buffer
@@ -349,6 +360,20 @@ def test_what_failed_is_dropped_and_the_rest_stays(buffer: Buffer) -> None:
     layer.step(buffer, "map", 1.0, SETTINGS)
     assert [*layer.placed] == [good]
     assert layer.dropped["cannot be drawn"] == 1
+
+
+@pytest.mark.parametrize("found_m", [math.nan, -math.inf])
+def test_a_range_without_a_measurement_is_not_drawn_as_free(
+    buffer: Buffer, found_m: float
+) -> None:
+    """Nothing is known ahead, or something too near; infinite, all is free up to the maximum."""
+    lengths = []
+    for measured_m in (found_m, math.inf):
+        layer = layer_of(Range(2 * S, "base", 0, 0.5, 0.1, 4.0, measured_m))
+        layer.step(buffer, "map", 0.0, SETTINGS)
+        [placed] = layer.placed.values()
+        lengths.append([float(each.scales[0, 0]) for each in placed.item.shapes])
+    assert lengths == [[], [4.0]]
 
 
 HOSTILE: dict[str, Callable[[], Any]] = {

@@ -57,6 +57,23 @@ def test_a_unit_is_written_and_removed(file: Path, tmp_path: Path) -> None:
     assert unit.read_text() == "[Unit]\n"
 
 
+@pytest.mark.real
+def test_a_service_that_is_installed_again_runs_by_its_new_unit(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """systemd is told to read the unit, to start it at boot, and to restart it now: to start one
+    that runs changes nothing.
+    """
+    log, systemctl = tmp_path / "log", tmp_path / "systemctl"
+    systemctl.write_text(f'#!/bin/sh\necho "$@" >> {log}\n')
+    systemctl.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr("tfbus.cli.service._SYSTEMD", tmp_path)
+    assert run("install", str(file), "--user")[0] == 0
+    words = ("daemon-reload", "enable robot", "restart robot")
+    assert log.read_text().splitlines() == [f"--user {each}" for each in words]
+
+
 def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
     """An argument or option that is wrong would fail at each boot."""
     for wrong in ("y:=3", "--no-such-option", "nothing"):

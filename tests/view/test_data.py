@@ -1,10 +1,12 @@
 """The messages that the page draws beside the frames: found, placed, kept and refused."""
 
 import logging
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as PathOfFile
 from typing import Any, cast
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Fleet
 from tfbus.base.errors import SettingsError
+from tfbus.bus.graph import Endpoint, TopicInfo
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.messages import (
@@ -52,6 +55,7 @@ from tfbus.view.settings import (
     save_settings,
     topic_named,
 )
+from tfbus.wire.codec import type_name
 
 SETTINGS = TopicSettings("topic", rate_hz=60.0)
 POINT = np.array([[1.0, 0.0, 0.0]])
@@ -253,6 +257,16 @@ def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None
     assert shown(1.8, marker(ns="", action=Marker.DELETEALL)) == set()
 
 
+def test_a_marker_that_is_sent_again_counts_once(buffer: Buffer) -> None:
+    """As many as can be drawn are, though all are moved just now; one more is refused."""
+    layer = layer_of(MarkerArray(tuple(map(marker, range(1500)))))
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    layer.waiting.put(MarkerArray(tuple(map(marker, range(2001)))))
+    layer.step(buffer, "map", 1.0, SETTINGS)
+    assert len(layer.placed) == 2000
+    assert layer.dropped == {"cannot be drawn": 1}
+
+
 @pytest.mark.parametrize("kind", range(13))
 def test_a_marker_of_each_kind_is_drawn_but_meshes_without_a_file(
     kind: int, buffer: Buffer
@@ -351,6 +365,18 @@ def test_what_failed_is_dropped_and_the_rest_stays(buffer: Buffer) -> None:
     assert layer.dropped["cannot be drawn"] == 1
 
 
+@pytest.mark.parametrize("found_m", [math.nan, -math.inf])
+def test_a_range_without_a_measurement_is_not_drawn_as_free(buffer: Buffer, found_m: float) -> None:
+    """Nothing is known ahead, or something too near; infinite, all is free up to the maximum."""
+    lengths = []
+    for measured_m in (found_m, math.inf):
+        layer = layer_of(Range(2 * S, "base", 0, 0.5, 0.1, 4.0, measured_m))
+        layer.step(buffer, "map", 0.0, SETTINGS)
+        [placed] = layer.placed.values()
+        lengths.append([float(each.scales[0, 0]) for each in placed.item.shapes])
+    assert lengths == [[], [4.0]]
+
+
 HOSTILE: dict[str, Callable[[], Any]] = {
     "no columns": lambda: PointCloud.from_array(2 * S, "base", np.zeros(2, [("u", "f4")])),
     "columns of rows": lambda: PointCloud.from_array(
@@ -437,6 +463,27 @@ def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -
     buffer.set_transform(moved(S, "map", "hand", 1.0))
     layer.step(buffer, "map", 2.1, SETTINGS)
     assert scenes.note("map", frames) == ""
+
+
+def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffer) -> None:
+    """As of a topic that was away for a while; each panel gets a picture once."""
+    source, server = MagicMock(is_recorded=False), MagicMock()
+    source.topics.return_value = {
+        "image": TopicInfo("image", (Endpoint("/camera", type_name(Image)),))
+    }
+    source.catch_up.side_effect = float
+    source.waiting.return_value = layer_of(
+        Image.from_pixels(2 * S, "base", np.zeros((2, 3, 3), np.uint8))
+    ).waiting
+    scenes = DataScenes(server, source, logging.getLogger("view"))
+    settings = ViewSettings(topics=(TopicSettings("image"),))
+    scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    for _ in range(2):
+        panel: list[Any] = []
+        scenes.show_picture["image"] = panel.append
+        for second in range(3):
+            scenes.step(float(second))
+        assert len(panel) == 1
 
 
 def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:

@@ -5,6 +5,7 @@ import logging
 import os
 import re
 import shutil
+from bisect import bisect_left, bisect_right, insort
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -411,7 +412,7 @@ class Received:
     def add(self, item: TransformItem | TopicItem, data: bytes) -> None:
         """Note a message that has come, and its bytes in the file."""
         log_ns, key = item.log_ns, _key_of(item, data)
-        self._log_ns.setdefault(key, []).append(log_ns)
+        insort(self._log_ns.setdefault(key, []), log_ns)
         order = self._order
         order.append((log_ns, key))
         while len(order) > _MOST_KNOWN or (not self.is_held and order[0][0] < log_ns - _KNOWN_NS):
@@ -423,20 +424,20 @@ class Received:
         times = self._log_ns.get(key)
         if not times:
             return False
-        left = [log_ns for log_ns in times if (key, log_ns) not in fill.met]
-        nearest_ns = min(left, key=lambda log_ns: abs(log_ns - item.log_ns), default=None)
         within_ns = _SAME_WITHIN_NS if len(times) == 1 else _SAME_AGAIN_WITHIN_NS
-        if nearest_ns is None or abs(nearest_ns - item.log_ns) > within_ns:
+        first = bisect_left(times, item.log_ns - within_ns)
+        end = bisect_right(times, item.log_ns + within_ns)
+        left = [log_ns for log_ns in times[first:end] if (key, log_ns) not in fill.met]
+        if not left:
             return False
-        fill.met.add((key, nearest_ns))
+        fill.met.add((key, min(left, key=lambda log_ns: abs(log_ns - item.log_ns))))
         return True
 
     def _remove(self, log_ns: int, key: tuple[str, int]) -> None:
-        times = self._log_ns.get(key, [])
-        if log_ns in times:
-            times.remove(log_ns)
+        times = self._log_ns[key]
+        del times[bisect_left(times, log_ns)]
         if not times:
-            self._log_ns.pop(key, None)
+            del self._log_ns[key]
 
 
 def _key_of(item: TransformItem | TopicItem, data: bytes) -> tuple[str, int]:

@@ -156,7 +156,8 @@ def install_command(
     unit = _unit_path(service.name, is_system=is_system)
     _write(unit, text)
     print_text(f"Wrote {unit}")
-    _systemctl(is_system, [["daemon-reload"], ["enable", "--now", service.name]])
+    # One that runs already would go on by the unit before.
+    _systemctl(is_system, [["daemon-reload"], ["enable", service.name], ["restart", service.name]])
     if not is_system:
         print_text(f"So that it runs from boot on: sudo loginctl enable-linger {_login()}")
     of = f"-u {service.name}" if is_system else f"--user -u {service.name}"

@@ -292,10 +292,10 @@ class PointCloud(WithArrays):
 
 def _unit(times: "NDArray[Any]") -> tuple[int, bool]:
     """How many nanoseconds a one of these times is, and whether they are since the Unix epoch."""
-    known = times if times.dtype.kind in "iu" else times[np.isfinite(times)]
-    largest = float(np.max(np.abs(known.astype(np.float64)), initial=0.0))
     if times.dtype.kind in "iu":
-        return 1, largest >= _EPOCH_NS
+        return 1, False  # 32 bits hold no time since the epoch
+    known = times[np.isfinite(times)].astype(np.float64)
+    largest = float(np.max(np.abs(known), initial=0.0))
     return (1, True) if largest >= _EPOCH_NS else (1_000_000_000, largest >= _EPOCH_S)
 
 

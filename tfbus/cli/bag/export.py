@@ -1,6 +1,5 @@
 """`tfbus bag export`: a recording as files of numbers and images."""
 
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +24,7 @@ from tfbus.recording.exported import (
     write_transforms_npz,
 )
 from tfbus.recording.items import ALL, Item, Selection, TopicItem
-from tfbus.recording.state import STATICS, Statics
+from tfbus.recording.state import STATICS, Statics, last_item
 from tfbus.sensor_files import (
     write_cloud_npz,
     write_jpeg,
@@ -305,7 +304,12 @@ def _messages(bag: OpenBag, topic: str, output: Path, form: str, force: bool, is
     """Write the newest message into the file, or each into one beside it; a sentence about that."""
     items: Iterable[TopicItem] = _items_of(bag, topic)
     if is_one:
-        items = tuple(deque(items, maxlen=1))
+        # Not by all before it, which may be hours of clouds.
+        of_topic = Selection(topics=(topic,))
+        newest = last_item(
+            bag.reader, *bag.span, of_topic, lambda item: isinstance(item, TopicItem)
+        )
+        items = [newest] if isinstance(newest, TopicItem) else []
     count = size = skipped = 0
     first = path = output
     for item in items:

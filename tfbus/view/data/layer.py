@@ -304,7 +304,7 @@ class TopicLayer:
                     self._remove(kept)
         elif marker.action == messages.Marker.DELETE:
             self._remove(key)
-        elif len(self.placed) + len(self._unplaced) >= _MOST_MARKERS and key not in self.placed:
+        elif not self._has_room(key):
             self._refuse(ValueError(f"more than {_MOST_MARKERS} markers are not drawn"))
         else:
             try:
@@ -312,6 +312,13 @@ class TopicLayer:
             except _REFUSALS as error:
                 self._remove(key)
                 self._refuse(error)
+
+    def _has_room(self, key: object) -> bool:
+        """Whether a marker can be drawn, too; one that is there already, at its new place."""
+        if len(self.placed) + len(self._unplaced) < _MOST_MARKERS:
+            return True
+        keys = {*self.placed, *self._unplaced}
+        return key in keys or len(keys) < _MOST_MARKERS
 
     def _take_odometry(self, odometry: messages.Odometry, now_s: float) -> None:
         at = odometry.pose.pose.position

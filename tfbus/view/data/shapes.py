@@ -353,7 +353,7 @@ def _coarse(cells: NDArray[np.int8], step: int) -> NDArray[np.int8]:
 
 
 def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform) -> Made:
-    length = found.range if math.isfinite(found.range) else found.max_range
+    length = found.max_range if found.range == math.inf else found.range
     angle = min(max(found.field_of_view, 0.01), 3.0)
     if not math.isfinite(length) or not 0.0 < length <= _FARTHEST_M:
         return (), _HERE

@@ -75,7 +75,8 @@ class DataScenes:
         self._all: Mapping[str, TopicInfo] = {}
         self._camera_of: dict[str, str] = {}
         self._cameras: dict[str, messages.CameraInfo] = {}
-        self._shown_pictures: dict[str, int] = {}
+        # Each with the function that showed it.
+        self._shown_pictures: dict[str, tuple[Callable[[Any], object], Any]] = {}
         self._items = DrawnItems(server, mesh_named)
         self._sight: _Sight | None = None
         self._is_held = False
@@ -295,12 +296,13 @@ class DataScenes:
         return self._cameras.get(topic) if beside else None
 
     def _show_picture(self, topic: str, layer: TopicLayer) -> None:
-        show = self.show_picture.get(topic)
-        if show is None or layer.picture is None:
+        show, picture = self.show_picture.get(topic), layer.picture
+        if show is None or picture is None:
             return
-        if self._shown_pictures.get(topic) != id(layer.picture):
-            self._shown_pictures[topic] = id(layer.picture)
-            show(layer.picture)
+        by, shown = self._shown_pictures.get(topic, (None, None))
+        if by != show or shown is not picture:
+            self._shown_pictures[topic] = show, picture
+            show(picture)
 
     def _draw(self, chosen: Mapping[str, TopicSettings]) -> None:
         items = {

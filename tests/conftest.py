@@ -32,10 +32,17 @@ hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, m
 hypothesis.settings.load_profile("pinned")
 
 
-def pytest_collection_finish() -> None:
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection() -> None:
     """Spare the collector of garbage what lives to the end: modules, and the tests themselves."""
+    gc.disable()
+
+
+def pytest_collection_finish() -> None:
+    """Let it collect what the tests leave."""
     gc.collect()
     gc.freeze()
+    gc.enable()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -32,10 +32,14 @@ class Replaced:
     def has_any(self, values: Collection[Any]) -> bool:
         """Whether another value may take the place of one of these."""
         is_none = self._pairs.keys().isdisjoint(map(id, values))
-        return not (is_none and self._kinds.isdisjoint(map(type, values)))
+        if is_none and self._kinds.isdisjoint(map(type, values)):
+            return False
+        return any(map(self.has, values))
 
     def has(self, value: Any) -> bool:
         """Whether another value may take the place of this one."""
+        if type(value) is partial:
+            return self.has_any(_parts_of(value))
         return id(value) in self._pairs or type(value) in self._kinds
 
     def other(self, value: Any) -> Any:
@@ -64,7 +68,7 @@ class Replaced:
         return self._locks[kind](value) if kind in self._locks else value
 
     def _made_partial(self, value: "partial[Any]") -> "partial[Any]":
-        before = value.func, *value.args, *value.keywords.values()
+        before = _parts_of(value)
         after = [*map(self.other, before)]
         if all(map(is_, before, after)):
             return value
@@ -73,6 +77,10 @@ class Replaced:
         made = partial(func, *args, **named)
         vars(made).update(vars(value))
         return made
+
+
+def _parts_of(value: "partial[Any]") -> tuple[Any, ...]:
+    return value.func, *value.args, *value.keywords.values()
 
 
 # Replaces the values of one place that has some of them.
@@ -106,33 +114,35 @@ class _Searched:
         self._namespaces: list[dict[str, Any]] = []
         self._sizes: list[int] = []
         self._found: list[tuple[_Swap, ...]] = []
+        self._swaps: list[_Swap] = []
 
     def swaps(self, replaced: Replaced) -> list[_Swap]:
         """The places that have some of the values; a module is searched if it is new, or has new
         names.
         """
+        has_all = self._modules == list(sys.modules.values())
+        if not has_all or self._sizes != list(map(len, self._namespaces)):
+            self._search(replaced)
+        return self._swaps
+
+    def _search(self, replaced: Replaced) -> None:
+        former = dict(
+            zip(map(id, self._modules), zip(self._sizes, self._found, strict=True), strict=True)
+        )
         # Once, as a module that is looked at may import others.
         named = list(sys.modules.items())
-        modules = [module for _, module in named]
-        if modules != self._modules or list(map(len, self._namespaces)) != self._sizes:
-            former = dict(
-                zip(map(id, self._modules), zip(self._sizes, self._found, strict=True), strict=True)
-            )
-            namespaces: list[dict[str, Any]] = []
-            sizes: list[int] = []
-            places: list[tuple[_Swap, ...]] = []
-            for name, module in named:
-                is_real = name.partition(".")[0] in _REAL
-                namespace = {} if is_real else getattr(module, "__dict__", {})
-                size, found = former.get(id(module), (-1, ()))
-                if size != len(namespace):
-                    found = tuple(_of_module(module, namespace, replaced))
-                namespaces.append(namespace)
-                sizes.append(len(namespace))
-                places.append(found)
-            self._modules, self._namespaces = modules, namespaces
-            self._sizes, self._found = sizes, places
-        return [swap for found in self._found for swap in found]
+        self._modules = [module for _, module in named]
+        self._namespaces, self._sizes, self._found = [], [], []
+        for name, module in named:
+            is_real = name.partition(".")[0] in _REAL
+            namespace = {} if is_real else getattr(module, "__dict__", {})
+            size, found = former.get(id(module), (-1, ()))
+            if size != len(namespace):
+                found = tuple(_of_module(module, namespace, replaced))
+            self._namespaces.append(namespace)
+            self._sizes.append(len(namespace))
+            self._found.append(found)
+        self._swaps = [swap for found in self._found for swap in found]
 
 
 _searched = _Searched()

@@ -74,6 +74,21 @@ def test_a_service_that_is_installed_again_runs_by_its_new_unit(
     assert log.read_text().splitlines() == [f"--user {each}" for each in words]
 
 
+@pytest.mark.real
+def test_a_service_that_systemd_does_not_start_is_told_by_the_exit_code(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The unit is there, and so it is removed though systemd cannot be asked to stop it."""
+    systemctl = tmp_path / "systemctl"
+    systemctl.write_text("#!/bin/sh\nexit 5\n")
+    systemctl.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    monkeypatch.setattr("tfbus.cli.service._SYSTEMD", tmp_path)
+    unit = tmp_path / "config" / "systemd" / "user" / "robot.service"
+    assert run("install", str(file), "--user")[0] == 1 and unit.exists()
+    assert run("uninstall", "robot", "--user")[0] == 1 and not unit.exists()
+
+
 def test_what_launch_does_not_take_is_not_installed(file: Path) -> None:
     """An argument or option that is wrong would fail at each boot."""
     for wrong in ("y:=3", "--no-such-option", "nothing"):

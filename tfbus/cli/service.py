@@ -157,11 +157,15 @@ def install_command(
     _write(unit, text)
     print_text(f"Wrote {unit}")
     # One that runs already would go on by the unit before.
-    _systemctl(is_system, [["daemon-reload"], ["enable", service.name], ["restart", service.name]])
+    is_started = _systemctl(
+        is_system, [["daemon-reload"], ["enable", service.name], ["restart", service.name]]
+    )
     if not is_system:
         print_text(f"So that it runs from boot on: sudo loginctl enable-linger {_login()}")
     of = f"-u {service.name}" if is_system else f"--user -u {service.name}"
     print_text(f"Look at it: journalctl {of} -f")
+    if not is_started:
+        raise click.exceptions.Exit(1)
 
 
 @command.command("uninstall", epilog="Example: tfbus service uninstall robot")
@@ -175,10 +179,11 @@ def uninstall_command(name: str, system: bool, is_user: bool) -> None:
     unit = _unit_path(name, is_system=is_system)
     if not _is_ours(unit):
         raise click.ClickException(f"{unit} is not there, or not of tfbus service install")
-    _systemctl(is_system, [["disable", "--now", name]])
+    is_stopped = _systemctl(is_system, [["disable", "--now", name]])
     unit.unlink()
     print_text(f"Removed {unit}")
-    _systemctl(is_system, [["daemon-reload"]])
+    if not (_systemctl(is_system, [["daemon-reload"]]) and is_stopped):
+        raise click.exceptions.Exit(1)
 
 
 @command.command(
@@ -273,10 +278,10 @@ def _write(unit: Path, text: str) -> None:
         ) from error
 
 
-def _systemctl(is_system: bool, commands: Sequence[Sequence[str]]) -> None:
-    """Run commands of systemctl, or print them if systemd does not run."""
+def _systemctl(is_system: bool, commands: Sequence[Sequence[str]]) -> bool:
+    """Run commands of systemctl, or print them if systemd does not run; whether none failed."""
     called = ["systemctl", *([] if is_system else ["--user"])]
-    runs = _has_systemd()
+    runs, is_done = _has_systemd(), True
     for words in commands:
         line = " ".join([*called, *words])
         if not runs:
@@ -285,6 +290,8 @@ def _systemctl(is_system: bool, commands: Sequence[Sequence[str]]) -> None:
         done = subprocess.run([*called, *words], check=False)
         if done.returncode:
             warn(f"'{line}' failed with exit code {done.returncode}")
+            is_done = False
+    return is_done
 
 
 def _complete_show(

@@ -16,7 +16,7 @@ demo: $(VENV)/demo.stamp
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal $(ARGS)
 
-# All but the tests of real processes, sockets and browsers, with a quarter of the drawn examples.
+# All but the tests of real processes, sockets and browsers, with a tenth of the drawn examples.
 quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal \
 	  --hypothesis-profile quick -m "not real" $(ARGS)

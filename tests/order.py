@@ -36,10 +36,13 @@ def _worker(config: pytest.Config) -> int:
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Sort the files, for one order in all workers, and deal the real ones to them."""
+    """Sort the files, for one order in all workers, and deal the real ones to them.
+
+    Tests of the whole project come first, so that one worker has them and parses it once.
+    """
     workers = getattr(config, "workerinput", {}).get("workercount", 1)
     if workers > 1:
-        items.sort(key=lambda item: item.path)
+        items.sort(key=lambda item: (len(item.path.parts), item.path))
     real = [item for item in items if item.get_closest_marker(MARKER)]
     if workers > 1 and real:
         files = [list(tests) for _, tests in groupby(real, key=lambda item: item.path)]

@@ -39,10 +39,9 @@ def pytest_collection() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Let it collect what the tests leave, at times: a simulation leaves thousands of objects."""
+    """Let it collect what the tests leave."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 20)
     gc.enable()
 
 

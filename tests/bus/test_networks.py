@@ -44,11 +44,12 @@ def test_the_environment_names_the_network(monkeypatch: pytest.MonkeyPatch) -> N
         ("peer", "satellite", [f"{HUB}?rel=1", "udp/10.0.0.1:7447?rel=0"]),
         # Zenoh gives a client one link.
         ("client", "wifi", [HUB]),
-        ("router", "mobile", [HUB]),
+        # Where all goes by TCP, it does not offer to take more than waits at the other end.
+        ("router", "mobile", [f"{HUB}#so_rcvbuf=16384"]),
         ("router", "lan", [HUB]),
     ],
 )
-def test_routers_have_datagrams_beside_tcp(mode: str, network: str, expected: list[str]) -> None:
+def test_a_link_is_fit_for_its_network(mode: str, network: str, expected: list[str]) -> None:
     """Where datagrams win, a router or peer has a link of them beside each of TCP."""
     given: dict[str, Any] = {"mode": mode, "network": network}
     assert value_of("connect/endpoints", connect=[HUB], **given) == expected
@@ -77,10 +78,17 @@ def test_datagrams_are_not_taken_from_whoever_offers_them(
     assert expected or ("tcp" in protocols and "udp" not in protocols)
 
 
-def test_other_endpoints_stay_as_they_are() -> None:
-    """An endpoint that says what kind of link it is has no other beside it."""
+@pytest.mark.parametrize(
+    ("network", "changed"),
+    [("wifi", []), ("mobile", ["tcp/10.0.0.1:7447?prio=1-7#so_rcvbuf=16384"])],
+)
+def test_other_endpoints_stay_as_they_are(network: str, changed: list[str]) -> None:
+    """An endpoint that says what kind of link it is has no other beside it, and keeps its own
+    configuration.
+    """
     given = ["tcp/10.0.0.1:7447?prio=1-7", "tcp/10.0.0.1:7448#iface=eth0", "ws/10.0.0.1:7449"]
-    assert value_of("connect/endpoints", connect=given, network="wifi") == given
+    expected = [*changed, *given[len(changed) :]]
+    assert value_of("connect/endpoints", connect=given, network=network) == expected
 
 
 def test_a_configuration_file_comes_first(tmp_path: Path) -> None:

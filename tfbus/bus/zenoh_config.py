@@ -117,6 +117,9 @@ def zenoh_config(
     if has_datagrams and (settings.mode or _mode(config)) != "client":
         for key in ("connect/endpoints", "listen/endpoints"):
             given[key] = _with_datagrams(given[key])
+    if network.tcp_bytes and not network.has_datagrams:
+        for key in ("connect/endpoints", "listen/endpoints"):
+            given[key] = _with_window(given[key], network.tcp_bytes)
     if settings.closed is not None:
         given |= _encrypted(settings.closed)
         if not settings.listen and settings.mode != "client":
@@ -176,6 +179,18 @@ def _of_bad_network(network: Network) -> dict[str, Any]:
         # One that opens a link to us is not given up before it gives up itself.
         "transport/unicast/accept_timeout": round(network.open_s * 1e3),
     }
+
+
+def _with_window(endpoints: Iterable[str], tcp_bytes: int) -> list[str]:
+    """These endpoints, whose links of TCP offer the other end a window of so many bytes.
+
+    Linux adds to the last packet that waits, whatever it may hold, until that has half of the
+    window: by default 64 kB, for which a link of 1 Mbit/s takes 0.5 s.
+    """
+    return [
+        f"{each}#so_rcvbuf={tcp_bytes}" if each.startswith("tcp/") and "#" not in each else each
+        for each in endpoints
+    ]
 
 
 def _with_datagrams(endpoints: Iterable[str]) -> list[str]:

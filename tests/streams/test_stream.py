@@ -1,6 +1,5 @@
 """Streams: numbers and division of messages, the begin of an epoch, kept messages."""
 
-import gc
 import logging
 import re
 import tracemalloc
@@ -220,7 +219,6 @@ def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
     for number in range(50, 1050):
         detect(number)
         sent.messages.clear()
-    gc.collect()
     after, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert (after - before) / 1000 < 60  # bytes a frame, less than its name takes

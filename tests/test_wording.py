@@ -96,7 +96,7 @@ def test_durations_have_the_unit_people_would_use(seconds: float | None, text: s
     ("seconds", "text"), [(2.5, "+2.5 s"), (-0.021, "-21 ms"), (0.0, "+0.0 ms"), (-1e-5, "+0.0 ms")]
 )
 def test_an_offset_has_its_sign(seconds: float, text: str) -> None:
-    """One too small to be seen has the sign of zero."""
+    """A duration that is too small to be seen has the sign of zero."""
     assert offset(seconds) == text
 
 

@@ -61,8 +61,8 @@ def test_a_unit_is_written_and_removed(file: Path, tmp_path: Path) -> None:
 def test_a_service_that_is_installed_again_runs_by_its_new_unit(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """systemd is told to read the unit, to start it at boot, and to restart it now: to start one
-    that runs changes nothing.
+    """systemd is told to read the unit, to start it at boot, and to restart it now: one
+    that runs would not be started by its new unit.
     """
     log, systemctl = tmp_path / "log", tmp_path / "systemctl"
     systemctl.write_text(f'#!/bin/sh\necho "$@" >> {log}\n')

@@ -111,8 +111,8 @@ class StopSignals:
 
 @contextmanager
 def held_signals() -> Iterator[StopSignals]:
-    """Until the end of its `with` no signal raises KeyboardInterrupt: a library would not be left
-    as it should.
+    """Until the end of its `with` no signal raises KeyboardInterrupt, which would leave a library
+    in disorder: ask `consume` of the result.
     """
     signals = StopSignals()
     try:

@@ -16,7 +16,7 @@ from tfbus.base.structs import replace
 from tfbus.base.wording import printable
 from tfbus.bus.presence import read_node
 from tfbus.bus.query import Answer
-from tfbus.bus.session import Session
+from tfbus.bus.session import ENDS_LATE_S, Session
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES, ALL_NODES_EVERYWHERE, changed_selector, full_name
 
@@ -33,9 +33,6 @@ _MORE_S = 2.0
 
 # However often nodes come and go.
 _APART_S = 0.2
-
-# News this soon after a token appeared that it is gone may be about the previous process's token.
-_ENDS_LATE_S = 10.0
 
 # At most as many nodes that have not answered are asked one by one.
 _FEW = 8
@@ -173,9 +170,9 @@ class GraphWatch:
             self._living.pop(name, None)
             self._nodes.pop(name, None)
             self._doubtful.pop(name, None)
-        began_s, _ = self._began.pop(name, (-_ENDS_LATE_S, 0))
+        began_s, _ = self._began.pop(name, (-ENDS_LATE_S, 0))
         self._tell(name)
-        if scheduler.monotonic() < began_s + _ENDS_LATE_S:
+        if scheduler.monotonic() < began_s + ENDS_LATE_S:
             self._check_end(name, key)
 
     def _check_end(self, name: str, key: str) -> None:

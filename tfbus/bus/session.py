@@ -51,6 +51,10 @@ _LAST_ANSWERS_S = 2.0
 # Zenoh takes no infinite time for a query: thirty years.
 _LONGEST_QUERY_S = 1e9
 
+# News this soon after a token appeared that it is gone may be about the previous process's token:
+# `living_later` says whether one is there.
+ENDS_LATE_S = 10.0
+
 QueryPriority = Literal["urgent", "usual", "background"]
 
 

@@ -182,10 +182,10 @@ def _of_bad_network(network: Network) -> dict[str, Any]:
 
 
 def _with_window(endpoints: Iterable[str], tcp_bytes: int) -> list[str]:
-    """These endpoints, whose links of TCP offer the other end a window of so many bytes.
+    """Endpoints of which each link of TCP offers its peer a window of so many bytes.
 
-    Linux adds to the last packet that waits, whatever it may hold, until that has half of the
-    window: by default 64 kB, for which a link of 1 Mbit/s takes 0.5 s.
+    Linux adds to the last packet that waits, beyond SO_SNDBUF, until it has half of the window: by
+    default 64 kB, for which a link of 1 Mbit/s takes 0.5 s.
     """
     return [
         f"{each}#so_rcvbuf={tcp_bytes}" if each.startswith("tcp/") and "#" not in each else each

@@ -56,7 +56,7 @@ class StreamStates:
         return self._states.get(name) or StreamState(name, key=key)
 
     def store(self, state: StreamState) -> None:
-        """Store a state that nobody is told of."""
+        """Store a state without a report."""
         self._states[state.name] = state
 
     def change(self, state: StreamState) -> None:

@@ -15,7 +15,7 @@ from tfbus.base.own_pauses import own_pauses
 from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_signed_subscriber
-from tfbus.bus.session import Session
+from tfbus.bus.session import ENDS_LATE_S, Session
 from tfbus.streams.description_queries import DescriptionQueries
 from tfbus.streams.frame_names import StreamRights
 from tfbus.streams.info import StreamState
@@ -26,8 +26,6 @@ from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, namespace_of, s
 
 # News of a token may arrive in the wrong order, moments apart: times are kept of this many tokens.
 _MOST_NEWS = 1000
-# News this soon after a token appeared that it is gone may be about the previous process's token.
-_ENDS_LATE_S = 10.0
 
 _WHAT = "a stream"
 
@@ -137,7 +135,7 @@ class StreamWatch:
             self._wanted.forget(state.key)
 
     def _is_most(self, count: int) -> bool:
-        """Whether so many streams are most of the ones that a question for all would be about."""
+        """Whether a query for all streams would mostly be about so many of them."""
         return self._wanted is None or 2 * count >= len(self._living)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
@@ -247,7 +245,7 @@ class StreamWatch:
             self._fall_silent(key, came_s)
             return
         self._change_token(key, alive, came_s)
-        if not alive and came_s < latest_s + _ENDS_LATE_S:
+        if not alive and came_s < latest_s + ENDS_LATE_S:
             self._check_end(key)
 
     def _fall_silent(self, key: str, came_s: float) -> None:

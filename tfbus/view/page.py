@@ -232,7 +232,7 @@ class Page:
         """Keep the page up to date until the node is shut down, or a signal comes."""
         period_s = 1.0 / self._serving.rate_hz
         due_s = time.monotonic()
-        # A KeyboardInterrupt in the midst of viser leaves a coroutine that nobody awaits.
+        # A KeyboardInterrupt in the midst of viser leaves a coroutine without its await.
         with held_signals() as signals:
             # Browsers are watched in real time, also while a simulated time stands still.
             while (

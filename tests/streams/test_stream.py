@@ -211,17 +211,18 @@ def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
         sender.remove(name)
         sent.later.clear()
 
-    for number in range(50):
-        detect(number)
-    sent.messages.clear()
+    # Python keeps up to 2,000 tuples of a length for the next ones, and a table may grow by the way:
+    # a leak is there in each round.
+    grown_by, rounds = [], 4
     tracemalloc.start()
-    before, _ = tracemalloc.get_traced_memory()
-    for number in range(50, 1050):
-        detect(number)
-        sent.messages.clear()
-    after, _ = tracemalloc.get_traced_memory()
+    for begin in range(0, rounds * 1000, 1000):
+        before, _ = tracemalloc.get_traced_memory()
+        for number in range(begin, begin + 1000):
+            detect(number)
+            sent.messages.clear()
+        grown_by.append(tracemalloc.get_traced_memory()[0] - before)
     tracemalloc.stop()
-    assert (after - before) / 1000 < 60  # bytes a frame, less than its name takes
+    assert min(grown_by) / 1000 < 30  # bytes a frame, less than its name takes
     assert sent.epoch_ns == 0
 
 

@@ -39,9 +39,10 @@ def pytest_collection() -> None:
 
 
 def pytest_collection_finish() -> None:
-    """Let it collect what the tests leave."""
+    """Let it collect what the tests leave, at times: a simulation leaves thousands of objects."""
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)
     gc.enable()
 
 

@@ -478,6 +478,7 @@ def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffe
     scenes = DataScenes(server, source, logging.getLogger("view"))
     settings = ViewSettings(topics=(TopicSettings("image"),))
     scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    scenes.close()  # its thread ends: the steps are those below
     for _ in range(2):
         panel: list[Any] = []
         scenes.show_picture["image"] = panel.append

@@ -318,6 +318,14 @@ def test_a_process_that_has_ended_is_not_entered(network: Network) -> None:
         pass
 
 
+def test_a_network_that_is_over_leaves_no_thread() -> None:
+    """Also of a process that had no turn."""
+    before = threading.enumerate()
+    with Network() as network:
+        network.start(network.host("robot"), "node", lambda: None)
+    assert threading.enumerate() == before
+
+
 def test_a_network_that_is_over_says_so() -> None:
     """It runs no more after its `with`."""
     with Network() as network:

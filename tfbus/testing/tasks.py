@@ -453,6 +453,8 @@ class Tasks:
         # The system gives its number to a later thread, which must not be taken for this one.
         self.thread_ids.discard(task.thread_id)
         threading._active.pop(task.thread_id, None)  # type: ignore[attr-defined]
+        # It is there yet if it had no turn.
+        threading._limbo.pop(task.thread, None)  # type: ignore[attr-defined]
 
     def end(self) -> None:
         """End all tasks, on the main one; their further calls have no effect."""

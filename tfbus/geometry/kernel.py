@@ -638,6 +638,7 @@ class History:
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
         """Set the cursor to the nearest sample; False if it is not within the tolerance."""
+        self.beyond = 0
         samples = self.samples
         if samples.is_static:
             return True

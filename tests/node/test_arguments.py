@@ -18,6 +18,7 @@ from tfbus import (
     ServiceError,
     SettingsError,
     StaticTransformBroadcaster,
+    Transform,
     TransformBroadcaster,
     TransformListener,
 )
@@ -143,6 +144,26 @@ def test_a_listener_says_the_order_of_its_arguments(node: Node) -> None:
     swapped: Any = (node, Buffer())
     with pytest.raises(InvalidArgumentException, match=r"\(buffer, node\), not \(Node, "):
         TransformListener(*swapped)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [({"history_s": "5"}, "history_s must be a number"), ({"fleet": True}, "must be a tfbus.Fleet")],
+)
+def test_a_wrong_argument_of_a_listener_is_named(
+    node: Node, given: dict[str, Any], says: str
+) -> None:
+    """Before it listens."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        TransformListener(Buffer(), node, **given)
+
+
+@pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])
+@pytest.mark.parametrize("wrong", [None, Transform(), ["base"]])
+def test_a_broadcaster_takes_stamped_transforms(node: Node, broadcaster: Any, wrong: Any) -> None:
+    """One or several, dynamic or static."""
+    with pytest.raises(InvalidArgumentException, match=r"expected tfbus\.TransformStamped"):
+        broadcaster(node).send_transform(wrong)
 
 
 @pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])

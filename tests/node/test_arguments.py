@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from tests.builders import at
+from tests.buses import DEADLINE_S
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -164,6 +165,16 @@ def test_a_broadcaster_takes_stamped_transforms(node: Node, broadcaster: Any, wr
     """One or several, dynamic or static."""
     with pytest.raises(InvalidArgumentException, match=r"expected tfbus\.TransformStamped"):
         broadcaster(node).send_transform(wrong)
+
+
+def test_a_client_that_is_closed_asks_nothing(node: Node) -> None:
+    """Though a server is there."""
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response("turtle"))
+    client = node.create_client(Spawn, "spawn")
+    assert client.wait_for_service(timeout_s=DEADLINE_S)
+    client.close()
+    with pytest.raises(BusError, match="the client of service 'spawn' is closed"):
+        client.call(Spawn.Request(0.0, 0.0))
 
 
 @pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])

@@ -235,6 +235,19 @@ def test_missed_simulated_ticks_are_not_made_up_for(executor: Executor) -> None:
     assert ticks == [3605, 3610, 15, 25]
 
 
+def test_a_simulated_timer_does_not_tick_because_its_clock_is_closed(executor: Executor) -> None:
+    """As a node closes its clock before its callbacks end."""
+    clock = SimulatedClock()
+    ticks: list[int] = []
+    executor.every_simulated(clock, 10.0, lambda: ticks.append(clock.now_ns() // SECOND))
+    for second in (100, 110, 115):
+        clock.set(second * SECOND)
+        finish(executor)
+    clock.close()
+    finish(executor)
+    assert ticks == [110]
+
+
 @pytest.mark.parametrize("is_async", [False, True])
 def test_an_exit_in_a_callback_is_a_failure(
     executor: Executor, caplog: pytest.LogCaptureFixture, is_async: bool

@@ -551,6 +551,15 @@ def test_the_nearest_sample_within_a_tolerance():
             x(stamp)
 
 
+def test_a_nearest_sample_is_never_extrapolated():
+    """Also if the lookup before it was."""
+    buffer = filled(moved(100, "world", "robot", 1.0), moved(200, "world", "robot", 3.0))
+    beyond = Sampling(extrapolation_s=1.0)
+    assert buffer.lookup_transform("world", "robot", 240, sampling=beyond).extrapolated_ns == 40
+    nearest = Sampling("nearest", tolerance_s=1.0)
+    assert buffer.lookup_transform("world", "robot", 200, sampling=nearest).extrapolated_ns == 0
+
+
 def test_sampling_is_checked_when_made():
     """An impossible choice is refused with what is possible."""
     with pytest.raises(InvalidArgumentException, match="'screw'"):

@@ -76,6 +76,14 @@ def test_an_interruption_passes_with_its_samples() -> None:
     assert WHY not in str(raised.value)
 
 
+def test_an_interruption_that_is_forgotten_does_not_come_back(buffer: Buffer) -> None:
+    """A simulation that begins again sends the same stamps again, this time without a pause."""
+    buffer.clear(after_ns=1 * S)
+    for second in (2, 3):
+        buffer.set_transform(moved(second * S, "map", "base", float(second)))
+    assert x(buffer, 2.5) == 2.5
+
+
 def test_a_saved_buffer_keeps_its_interruptions(buffer: Buffer, tmp_path: Path) -> None:
     """And the reason of each."""
     save(buffer, tmp_path / "buffer.npz")

@@ -1,6 +1,7 @@
 """Waiting for a transform, in threads and in asyncio: woken by changes of its path alone."""
 
 import asyncio
+import sys
 import threading
 from typing import Any
 
@@ -17,7 +18,7 @@ from tfbus.base.errors import (
     TimeoutException,
 )
 from tfbus.buffer.buffer import Buffer
-from tfbus.buffer.explain import LATER, LATEST
+from tfbus.buffer.explain import LATER, LATEST, Freshness
 from tfbus.buffer.lookup import Lookup as Question
 from tfbus.buffer.store import Waiter
 
@@ -147,6 +148,20 @@ def test_a_sample_wakes_whoever_waits_after_it_no_more():
     store_of(buffer).waiters.discard(waiter)
     buffer.set_transform(moved(5 * S, "world", "robot"))
     assert store_of(buffer).tree.touched is None
+
+
+def test_a_waiter_that_one_edge_wakes_over_and_over_takes_no_more_memory():
+    """The other edges of its path, whose publisher is silent, keep it once."""
+    buffer = Buffer()
+    buffer.set_transform(moved(0, "map", "odom"))
+    _, waiter = watched(buffer, "map", "base", None)
+    question = Question(store_of(buffer), (("map", "base", None),), fresh=Freshness(1.0))
+    references = []
+    for stamp in range(1000):
+        buffer.set_transform(moved(stamp, "odom", "base"))
+        question.watch(waiter)
+        references.append(sys.getrefcount(waiter))
+    assert references[-1] == references[0]
 
 
 def test_the_past_is_waited_for_until_all_who_expect_it_have_it():

@@ -132,6 +132,12 @@ def test_settings_can_be_used_for_another_name() -> None:
         ),
         ({"listen": [7447]}, "listen: each endpoint must be a str such as tcp/host:7447, not int"),
         ({"parameters": 3}, "parameters must be a dict, with a value for each name, not int"),
+        ({"sim_time": "false"}, "sim_time must be a bool, not 'false'"),
+        (
+            {"limits": "topic=64MB"},
+            "limits must be a Limits, not 'topic=64MB'; Limits.parse reads a text",
+        ),
+        ({"config": 3}, "config must be a str, not 3"),
         ({"config": "/nowhere.json5"}, "there is no configuration file '/nowhere.json5'"),
     ],
 )

@@ -75,6 +75,11 @@ def test_stamps_may_be_times_of_numpy() -> None:
     assert Trajectory("map", "base", times, np.zeros((2, 3))).stamps_ns.tolist() == [S, 2 * S]
     with pytest.raises(InvalidArgumentException):
         Trajectory("map", "base", np.array(["NaT"], dtype="datetime64[ns]"), [(0, 0, 0)])
+    # In 64 bits of nanoseconds it would be 1830.
+    with pytest.raises(InvalidArgumentException, match="146 years"):
+        Trajectory("map", "base", np.array(["3000-01-01"], dtype="datetime64[D]"), [(0, 0, 0)])
+    with pytest.raises(InvalidArgumentException, match="expected integers"):
+        Trajectory("map", "base", np.array([1], dtype="timedelta64[s]"), [(0, 0, 0)])
 
 
 def test_its_arrays_are_its_own() -> None:

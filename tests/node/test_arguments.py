@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from tests.builders import at
+from tests.buses import DEADLINE_S
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -18,6 +19,7 @@ from tfbus import (
     ServiceError,
     SettingsError,
     StaticTransformBroadcaster,
+    Transform,
     TransformBroadcaster,
     TransformListener,
 )
@@ -143,6 +145,36 @@ def test_a_listener_says_the_order_of_its_arguments(node: Node) -> None:
     swapped: Any = (node, Buffer())
     with pytest.raises(InvalidArgumentException, match=r"\(buffer, node\), not \(Node, "):
         TransformListener(*swapped)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [({"history_s": "5"}, "history_s must be a number"), ({"fleet": True}, "must be a tfbus.Fleet")],
+)
+def test_a_wrong_argument_of_a_listener_is_named(
+    node: Node, given: dict[str, Any], says: str
+) -> None:
+    """Before it listens."""
+    with pytest.raises(InvalidArgumentException, match=says):
+        TransformListener(Buffer(), node, **given)
+
+
+@pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])
+@pytest.mark.parametrize("wrong", [None, Transform(), ["base"]])
+def test_a_broadcaster_takes_stamped_transforms(node: Node, broadcaster: Any, wrong: Any) -> None:
+    """One or several, dynamic or static."""
+    with pytest.raises(InvalidArgumentException, match=r"expected tfbus\.TransformStamped"):
+        broadcaster(node).send_transform(wrong)
+
+
+def test_a_client_that_is_closed_asks_nothing(node: Node) -> None:
+    """Though a server is there."""
+    node.create_service(Spawn, "spawn", lambda request: Spawn.Response("turtle"))
+    client = node.create_client(Spawn, "spawn")
+    assert client.wait_for_service(timeout_s=DEADLINE_S)
+    client.close()
+    with pytest.raises(BusError, match="the client of service 'spawn' is closed"):
+        client.call(Spawn.Request(0.0, 0.0))
 
 
 @pytest.mark.parametrize("broadcaster", [TransformBroadcaster, StaticTransformBroadcaster])

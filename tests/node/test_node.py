@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import pytest
 
@@ -666,6 +667,12 @@ class TestParameters:
         """A parameter is a boolean, an integer, a number, a text or a list."""
         with pytest.raises(ParameterError, match="cannot be of type"):
             node.declare_parameter("x", default)  # that is the test
+
+    @pytest.mark.parametrize("default", [2**64, [object()]])
+    def test_a_default_that_cannot_be_sent_is_refused(self, node: Node, default: Any) -> None:
+        """The node could not describe itself any more."""
+        with pytest.raises(ParameterError, match="the default of 'x' cannot be sent"):
+            node.declare_parameter("x", default)
 
 
 class TestNames:

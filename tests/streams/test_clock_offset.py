@@ -2,6 +2,7 @@
 
 import logging
 import threading
+import time
 from typing import Any
 
 import pytest
@@ -19,9 +20,11 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.base import scheduler
+from tfbus.bus.query import Answer
 from tfbus.bus.settings import NodeSettings
 from tfbus.streams.clock_offset import ClockOffset, ClockOffsets, measured
 from tfbus.streams.info import StreamInfo
+from tfbus.wire.codec import encode_map
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import clock_key
 
@@ -202,6 +205,37 @@ def test_the_end_of_measuring_leaves_no_thread() -> None:
     assert session.is_asked.wait(DEADLINE_S)
     offsets.close()
     assert all(thread.name != "clock offsets" for thread in threading.enumerate())
+
+
+class SteppedSession(SilentSession):
+    """A session whose host's clock is set back by 2 s while the first answer is on its way."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.back_ns = 0
+
+    def time_ns(self) -> int:
+        return time.time_ns() - self.back_ns
+
+    def ask_later(self, key: str, payload: None, on_answer: Any, on_end: Any, **_: object) -> None:
+        now = {"received": time.time_ns(), "now": time.time_ns()}
+        self.back_ns = 2 * SECOND
+        on_answer(Answer(key, encode_map(now)))
+        on_end()
+
+
+def test_a_clock_that_is_set_meanwhile_is_measured_by_what_it_was_or_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Not by the mean of both, nor is a round trip shorter than none."""
+    session = SteppedSession()
+    monkeypatch.setattr(scheduler, "time_ns", session.time_ns)
+    offsets = ClockOffsets(session, logging.getLogger("test"), warns=False)  # type: ignore[arg-type]
+    offsets.watch("robot", StreamDescription(1, "/robot", 1, (), session="robot"))
+    found = eventually(lambda: offsets.last_of("robot"))
+    offsets.close()
+    assert round(found.offset_s, 1) in (0.0, 2.0)
+    assert found.round_trip_s >= 0.0
 
 
 def test_many_clocks_are_asked_together(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import BusError, DecodeError
-from tfbus.messages import Color, Pose, Twist, Vector3
+from tfbus.messages import Color, JointState, Pose, Twist, Vector3
 from tfbus.wire.codec import decode_map, decode_message, encode_map, encode_message, from_map
 
 
@@ -121,6 +121,13 @@ def test_nought_and_one_stand_for_false_and_true(number: int) -> None:
 def test_unknown_fields_of_a_message_are_ignored() -> None:
     """A topic message may have fields that we do not know: its sender may be newer."""
     assert from_map(Point, {"x": 1.0, "z": 3.0}) == Point(1.0)
+
+
+def test_a_key_that_is_no_text_is_an_unknown_field() -> None:
+    """Also in a message with former names of its fields."""
+    values = {"stamp_ns": 1, "names": ["hinge"], "positions": [0.5], b"ab": [1, 2]}
+    message = decode_message(JointState, msgpack.packb(values))
+    assert (message.name, message.position) == (("hinge",), (0.5,))
 
 
 def test_unknown_fields_of_a_request_are_refused() -> None:

@@ -287,6 +287,13 @@ def test_a_namespace_is_not_a_nodes_own(namespace: str) -> None:
         keys.check_namespace(namespace)
 
 
+@pytest.mark.parametrize("namespace", ["tf", "/lab/tf_static", "tf/robot7"])
+def test_a_namespace_has_no_part_that_is_a_key_of_transforms(namespace: str) -> None:
+    """The keys of its streams would be read as others', and its topics as transforms."""
+    with pytest.raises(InvalidNameError, match="the keys of transforms"):
+        keys.check_namespace(namespace)
+
+
 @pytest.mark.parametrize("topic", ["tf", "tf/sim", "tf_static", "/robot7/tf/sim", "a/tf_static/b"])
 def test_the_keys_of_transforms_are_no_topics_of_messages(topic: str) -> None:
     """Listeners would read a message there as transforms."""

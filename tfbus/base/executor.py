@@ -387,7 +387,8 @@ class Executor:
     def _tick_simulated(
         self, clock: SimulatedClock, when_ns: int, rang_s: float, timer: Timer
     ) -> Any:
-        if timer.cancelled:
+        # A clock that was closed rings for times that have not come.
+        if timer.cancelled or clock.elapsed_ns() < when_ns:
             return None
         late_periods = (clock.elapsed_ns() - when_ns) // timer.period_ns
         self._set_alarm(clock, when_ns + (late_periods + 1) * timer.period_ns, timer)

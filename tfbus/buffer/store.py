@@ -47,25 +47,33 @@ class Waiter:
 
 
 class _Queue:
-    """Waiters by the stamps that they wait for, earliest first."""
+    """Waiters by the stamps that they wait for, earliest first, each once for a stamp."""
 
     def __init__(self) -> None:
         self._heap: list[tuple[int, int, Waiter]] = []
+        # A waiter that another edge wakes time and again asks for the same again.
+        self._asked: set[tuple[int, Waiter]] = set()
         self._tickets = itertools.count()
         self._purge_at = _FIRST_PURGE
 
     def push(self, stamp_ns: int, waiter: Waiter) -> None:
+        if (stamp_ns, waiter) in self._asked:
+            return
         if len(self._heap) >= self._purge_at:
             self._heap = [entry for entry in self._heap if not entry[2].gone]
             heapq.heapify(self._heap)
+            self._asked = {(at_ns, each) for at_ns, _, each in self._heap}
             self._purge_at = max(_FIRST_PURGE, 2 * len(self._heap))
         heapq.heappush(self._heap, (stamp_ns, next(self._tickets), waiter))
+        self._asked.add((stamp_ns, waiter))
 
     def pop_until(self, stamp_ns: int) -> list[Waiter]:
         """Remove and return the waiters whose stamp is at most this one."""
         due = []
         while self._heap and self._heap[0][0] <= stamp_ns:
-            due.append(heapq.heappop(self._heap)[2])
+            at_ns, _, waiter = heapq.heappop(self._heap)
+            self._asked.discard((at_ns, waiter))
+            due.append(waiter)
         return due
 
 

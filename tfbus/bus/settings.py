@@ -271,6 +271,8 @@ class NodeSettings(Struct):
         _check_choice("log level", self.log_level, LOG_LEVELS)
         for endpoint in (*self.connect, *self.listen):
             check_endpoint(endpoint)
+        for what, kind in (("config", str), ("sim_time", bool), ("limits", Limits)):
+            _check_type(what, getattr(self, what), kind)
         if self.config and not Path(self.config).is_file():
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
@@ -383,6 +385,12 @@ def _check_encrypted(endpoint: str) -> None:
             f"endpoint {endpoint!r} is not encrypted, and --secure has only links that are: write "
             f"tls/{address}"
         )
+
+
+def _check_type(what: str, value: object, kind: type) -> None:
+    if not isinstance(value, kind):
+        hint = "; Limits.parse reads a text" if kind is Limits and isinstance(value, str) else ""
+        raise SettingsError(f"{what} must be a {kind.__name__}, not {value!r:.60}{hint}")
 
 
 def _check_choice(what: str, value: str, allowed: tuple[str, ...]) -> None:

@@ -638,6 +638,7 @@ class History:
 
     def seek_nearest(self, stamp_ns: int, tolerance_ns: int) -> bool:
         """Set the cursor to the nearest sample; False if it is not within the tolerance."""
+        self.beyond = 0
         samples = self.samples
         if samples.is_static:
             return True
@@ -968,6 +969,8 @@ class History:
             self.samples.tail = tail
             invalidate(self.samples)
             self._set_newest()
+            known = self.interruptions or {}
+            self._set_interruptions({at: why for at, why in known.items() if at <= stamp_ns})
 
     def _insert_late(self, stamp_ns: int, pose: Pose, parent: "History", max_samples: int) -> int:
         samples = self.samples

@@ -15,6 +15,7 @@ from typing import Any, TypeAlias, overload
 from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.base.lazy_numpy import ArrayLike, NDArray
+from tfbus.base.stamps import stamp_ns
 from tfbus.base.whole_file import replacing
 from tfbus.base.wording import counted, listed, printable, stamp_text
 from tfbus.geometry.kernel import LONGEST_NS, QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
@@ -236,9 +237,9 @@ def in_order(
 
 def _stamps(stamps_ns: ArrayLike) -> NDArray[np.int64]:
     given = np.asarray(stamps_ns)
-    if given.dtype.kind == "M":
-        given = given.astype("datetime64[ns]").astype(np.int64)
-    if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
+    if given.dtype.kind == "M" and given.ndim == 1:
+        given = stamp_ns(given)
+    if given.ndim != 1 or (given.size and given.dtype.kind not in "iu"):
         raise InvalidArgumentException(
             "stamps_ns: expected integers of shape (N,), nanoseconds since the Unix epoch, got "
             f"{given.dtype} of shape {given.shape}"

@@ -70,6 +70,8 @@ class Parameter:
         if type(default) not in _TYPE_NAMES:
             raise ParameterError(f"a parameter cannot be of type {type(default).__name__}")
         self.name = check_parameter(name)
+        if not _fits_the_wire(default):
+            raise ParameterError(f"the default of {name!r} cannot be sent: {_shown(default)}")
         bounds.check(name, default)
         self.value: Any = default
         self.description = description

@@ -10,7 +10,7 @@ from typing import Any
 
 from tfbus.base import scheduler
 from tfbus.base.arguments import seconds_to_wait
-from tfbus.base.errors import ServiceError
+from tfbus.base.errors import BusError, ServiceError
 from tfbus.bus.query import Answer, Query
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import new_cancellation
@@ -97,8 +97,13 @@ class Caller(NodeEndpoint):
         return self._watch.wait(seconds_to_wait(timeout_s))
 
     def _require_server(self, timeout_s: float | None) -> None:
+        self._check_open()
         if not self._wait(timeout_s) and timeout_s is not None:
             raise self._no_server(timeout_s)
+
+    def _check_open(self) -> None:
+        if self.closed:
+            raise BusError(f"the client of {self.kind} {self.name!r} is closed")
 
     def _no_server(self, wait_s: float | None) -> ServiceError:
         return ServiceError(f"no {self.kind} {self.name!r} after {wait_s:g} s")
@@ -141,6 +146,7 @@ class Client(Caller):
         import asyncio  # slow, and it runs already
 
         check_part(f"service {self.name!r}", self.service_type.Request, request)
+        self._check_open()
         payload = encode_message(request)
         wait_s = seconds_to_wait(timeout_s)
         loop = asyncio.get_running_loop()

@@ -210,11 +210,11 @@ class ClockOffsets:
     def _ask_one(
         self, number: int, key: str, answers: "scheduler.SimpleQueue[_Answered | None]"
     ) -> None:
-        asked_ns = scheduler.time_ns()
+        asked_ns, asked_at_ns = scheduler.time_ns(), scheduler.monotonic_ns()
 
         def on_answer(answer: Answer) -> None:
-            # Here, since the waiting thread may wake up later.
-            back_ns = scheduler.time_ns()
+            # Here, since the waiting thread may wake up later; by a clock that nobody sets meanwhile.
+            back_ns = asked_ns + scheduler.monotonic_ns() - asked_at_ns
             with suppress(DecodeError):
                 if sample := _sample(asked_ns, answer, back_ns):
                     answers.put(_Answered(number, sample))
@@ -243,7 +243,9 @@ class ClockOffsets:
 
 
 def _sample(asked_ns: int, answer: Answer, back_ns: int) -> ClockOffset | None:
-    """The offset by an answer, None if it has no times; DecodeError if it cannot be read."""
+    """The offset by an answer, None if it has no times that can be; DecodeError if it cannot be
+    read.
+    """
     if answer.refusal is not None:
         return None
     times = decode_map(answer.payload)
@@ -251,7 +253,9 @@ def _sample(asked_ns: int, answer: Answer, back_ns: int) -> ClockOffset | None:
     received_ns = times.get("received", answered_ns)
     if type(received_ns) is not int or type(answered_ns) is not int:
         return None
-    return measured(asked_ns, received_ns, answered_ns, back_ns)
+    sample = measured(asked_ns, received_ns, answered_ns, back_ns)
+    # The other clock was set between its two times.
+    return sample if sample.round_trip_s >= 0.0 else None
 
 
 def _key(node: str, namespace: str) -> str:

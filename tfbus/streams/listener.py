@@ -1,8 +1,9 @@
 """The listener: transforms from the bus go into a buffer."""
 
+import math
 from collections import Counter
 from collections.abc import Callable, Set
-from typing import Any, Literal, get_args
+from typing import Any, Literal, SupportsFloat, get_args
 
 from tfbus.base import scheduler
 from tfbus.base.arguments import called_as
@@ -103,13 +104,17 @@ class TransformListener:
                 "TransformListener(buffer, node), not "
                 f"({type(buffer).__name__}, {type(node).__name__})"
             )
-        if not 0.0 <= history_s < float("inf"):
+        if not isinstance(history_s, SupportsFloat) or not 0.0 <= float(history_s) < math.inf:
             raise InvalidArgumentException(
                 f"history_s must be a number of seconds, 0 or more, not {history_s!r}"
             )
         if reads not in get_args(Reads):
             raise InvalidArgumentException(
                 f"reads must be one of {', '.join(get_args(Reads))}, not {reads!r}"
+            )
+        if fleet is not None and not isinstance(fleet, Fleet):
+            raise InvalidArgumentException(
+                f"fleet must be a tfbus.Fleet, or None, not a {type(fleet).__name__}"
             )
         self.buffer = buffer
         self._node = node

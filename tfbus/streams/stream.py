@@ -22,7 +22,7 @@ from tfbus.bus.query import Query
 from tfbus.bus.retained import declare_retained_publisher
 from tfbus.bus.session import Session
 from tfbus.geometry.columns import Columns
-from tfbus.geometry.transform import TransformStamped
+from tfbus.geometry.transform import TransformStamped, stamped_list
 from tfbus.node.node import Node
 from tfbus.streams.retained import Edges, FrameAnnouncer, FrameRows
 from tfbus.streams.sender import StreamOptions, TransformSender
@@ -162,9 +162,10 @@ class Stream:
         """Add static transforms to the stream; one of the same child frame is replaced.
 
         The whole set is sent, and retained for listeners that join later. Raises
-        InvalidArgumentException if a frame name is invalid, or parent and child are the same.
+        InvalidArgumentException if a frame name is invalid, or parent and child are the same, or
+        one is no TransformStamped.
         """
-        added = {ts.child_frame_id: ts for ts in transforms}
+        added = {ts.child_frame_id: ts for ts in stamped_list(transforms)}
         with self._static_lock:
             self._frames.add({child: (ts.frame_id, True) for child, ts in added.items()})
             self._statics |= added

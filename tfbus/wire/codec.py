@@ -830,7 +830,7 @@ def renewed(
         path = former.get(name, name)
         if isinstance(path, str):
             _put(made, path, value)
-        elif isinstance(value, list | tuple) and len(value) == len(path):
+        elif isinstance(path, tuple) and isinstance(value, list | tuple) and len(value) == len(path):
             for each, item in zip(path, value, strict=True):
                 _put(made, each, item)
         else:

@@ -254,6 +254,11 @@ def check_namespace(namespace: str) -> str:
         raise InvalidNameError(
             f"'{printable(namespace, 60)}' cannot be a namespace: '~' stands for a node's own names"
         )
+    if not {TRANSFORMS, STATIC_TRANSFORMS}.isdisjoint(path.split("/")):
+        raise InvalidNameError(
+            f"'{printable(namespace, 60)}' cannot be a namespace: 'tf' and 'tf_static' are the keys "
+            "of transforms"
+        )
     return path
 
 

@@ -44,10 +44,10 @@ class Robot:
         self.node.create_timer(0.2, send)
         self.recorder = self.start()
 
-    def start(self, name: str = "recorder") -> Program:
+    def start(self, name: str = "recorder", folder: Path | None = None) -> Program:
         """Its recorder, which is started again after a power cut."""
         started = self.bus.start(
-            *("bag", "record", "--keep", "1h", "-o", str(self.folder)),
+            *("bag", "record", "--keep", "1h", "-o", str(folder or self.folder)),
             *("--namespace", "robot7", "--name", name),
             *(word for each in self.connect for word in ("--connect", each)),
         )
@@ -305,6 +305,28 @@ def test_a_recorder_under_another_name_fills_the_gap(
     network.run(until=lambda: "Filled the" in process.stderr)
     assert process.stop() == 0
     assert "/robot7/blackbox was out" in process.stderr
+
+
+@pytest.mark.parametrize("first_to_end", ["second", "third"])
+def test_of_three_recorders_of_a_robot_the_last_one_is_asked(
+    bus: Bus, robot: Robot, tmp_path: Path, first_to_end: str
+) -> None:
+    """Whichever of those beside the first ends before it: the other one takes its place."""
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = recording_of_base(bus, path)
+    network.run(5.0)
+    beside = {}
+    for name in ("second", "third"):
+        beside[name] = robot.start(name, tmp_path / name)
+        network.run(5.0)
+    for each in (beside.pop(first_to_end), robot.recorder):
+        assert each.stop() == 0
+        network.run(5.0)
+    [left] = beside
+    assert f"/robot7/{left} was out of reach" in process.stderr
+    network.run(until=lambda: "Filled the" in process.stderr)
+    assert process.stop() == 0
+    assert "not filled" not in process.stderr
 
 
 def test_what_is_kept_has_bounds(tmp_path: Path) -> None:

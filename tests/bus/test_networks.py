@@ -44,8 +44,7 @@ def test_the_environment_names_the_network(monkeypatch: pytest.MonkeyPatch) -> N
         ("peer", "satellite", [f"{HUB}?rel=1", "udp/10.0.0.1:7447?rel=0"]),
         # Zenoh gives a client one link.
         ("client", "wifi", [HUB]),
-        # Where all goes by TCP, it does not offer to take more than waits at the other end.
-        ("router", "mobile", [f"{HUB}#so_rcvbuf=16384"]),
+        ("router", "mobile", [HUB]),
         ("router", "lan", [HUB]),
     ],
 )
@@ -79,16 +78,36 @@ def test_datagrams_are_not_taken_from_whoever_offers_them(
 
 
 @pytest.mark.parametrize(
-    ("network", "changed"),
-    [("wifi", []), ("mobile", ["tcp/10.0.0.1:7447?prio=1-7#so_rcvbuf=16384"])],
+    ("given", "is_closed", "expected"),
+    [
+        ({"network": "mobile", "mode": "router"}, False, 16384),
+        ({"network": "wifi", "mode": "client"}, False, 24576),
+        ({"network": "wifi", "mode": "client"}, True, 24576),
+        ({"network": "satellite", "mode": "router"}, True, 32768),
+        ({"network": "satellite", "mode": "router"}, False, None),
+        ({"network": "lan"}, False, None),
+        ({"network": "lan"}, True, None),
+    ],
 )
-def test_other_endpoints_stay_as_they_are(network: str, changed: list[str]) -> None:
-    """An endpoint that says what kind of link it is has no other beside it, and keeps its own
-    configuration.
-    """
+def test_where_all_goes_by_tcp_little_waits_at_the_other_end(
+    tmp_path: Path, given: dict[str, Any], is_closed: bool, expected: int | None
+) -> None:
+    """Each process then offers to take no more than waits there: open, and closed."""
+    if is_closed:
+        pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+        from tfbus.bus.keystore import Identity, Keystore
+
+        keystore = Keystore.init(tmp_path, days=10)
+        keystore.add(Identity("sim", "router"), days=5)
+        given = {**given, "secure": str(keystore.path / "sim")}
+    protocol = "tls" if is_closed else "tcp"
+    assert value_of(f"transport/link/{protocol}/so_rcvbuf", **given) == expected
+
+
+def test_other_endpoints_stay_as_they_are() -> None:
+    """An endpoint that says what kind of link it is has no other beside it."""
     given = ["tcp/10.0.0.1:7447?prio=1-7", "tcp/10.0.0.1:7448#iface=eth0", "ws/10.0.0.1:7449"]
-    expected = [*changed, *given[len(changed) :]]
-    assert value_of("connect/endpoints", connect=given, network=network) == expected
+    assert value_of("connect/endpoints", connect=given, network="wifi") == given
 
 
 def test_a_configuration_file_comes_first(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from tfbus.bag.keeping import Fill
 from tfbus.bag.kept import NODE, STREAM, wanted_of
 from tfbus.bag.raw_queue import EVENTS, Raw
 from tfbus.bag.recorder import Filled, Recorder
+from tfbus.base.bounded import Bounded
 from tfbus.base.errors import BusError, DecodeError, TfbusError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
@@ -50,6 +51,7 @@ _AGAIN_S = 10.0
 
 # Tokens come from the bus: at most so many recorders are known.
 _MOST_KEEPERS = 1_000
+_MOST_BESIDE = 100
 
 # Each stream of a robot tells of an outage.
 _MOST_OUTAGES = 10_000
@@ -102,8 +104,8 @@ class _Keeper:
     def __init__(self, key: str, name: str) -> None:
         self.key = key
         self.name = name
-        # Another one in the same place, which takes it over.
-        self.beside = ""
+        # The keys of others in the same place: one of them takes it over.
+        self.beside: Bounded[str, None] = Bounded(_MOST_BESIDE)
         self.is_there = False
         self.lost_ns: int | None = None
         self.gaps: list[_Gap] = []
@@ -242,8 +244,11 @@ class Filling:
             keeper = self._keepers[prefix] = _Keeper(key, self._name_of(key))
             self._note_received()
         if keeper.key != key:
-            if not alive or keeper.is_there:
-                keeper.beside = key if alive else ""
+            if not alive:
+                keeper.beside.pop(key, None)
+                return
+            if keeper.is_there:
+                keeper.beside[key] = None
                 return
             keeper.key, keeper.name = key, self._name_of(key)
         if keeper.is_there is alive:
@@ -254,8 +259,8 @@ class Filling:
             if keeper.asking is not None:
                 keeper.asking.close()
             if keeper.beside:
-                keeper.beside, beside = "", keeper.beside
-                self._take_token(beside, True)
+                other, _ = keeper.beside.popitem(last=False)
+                self._take_token(other, True)
         elif keeper.lost_ns is not None:
             lost_ns, now_ns = keeper.lost_ns, self._recorder.now_ns()
             self._add_gap(keeper, _Gap(lost_ns - _BEFORE_NS, lost_ns, now_ns + _OVERLAP_NS))

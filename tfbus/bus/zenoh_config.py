@@ -114,14 +114,16 @@ def zenoh_config(
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
+    window = network.tcp_bytes or None
     if has_datagrams and (settings.mode or _mode(config)) != "client":
         for key in ("connect/endpoints", "listen/endpoints"):
             given[key] = _with_datagrams(given[key])
-    if network.tcp_bytes and not network.has_datagrams:
-        for key in ("connect/endpoints", "listen/endpoints"):
-            given[key] = _with_window(given[key], network.tcp_bytes)
+    else:
+        # Linux adds to the last packet that waits, beyond SO_SNDBUF, until it has half of the
+        # window of the other end: by default 64 kB, for which 1 Mbit/s takes 0.5 s.
+        defaults["transport/link/tcp/so_rcvbuf"] = window
     if settings.closed is not None:
-        given |= _encrypted(settings.closed)
+        given |= _encrypted(settings.closed, window)
         if not settings.listen and settings.mode != "client":
             given["listen/endpoints"] = ["tls/[::]:0"]
     if scouting_s is not None:
@@ -181,18 +183,6 @@ def _of_bad_network(network: Network) -> dict[str, Any]:
     }
 
 
-def _with_window(endpoints: Iterable[str], tcp_bytes: int) -> list[str]:
-    """Endpoints of which each link of TCP offers its peer a window of so many bytes.
-
-    Linux adds to the last packet that waits, beyond SO_SNDBUF, until it has half of the window: by
-    default 64 kB, for which a link of 1 Mbit/s takes 0.5 s.
-    """
-    return [
-        f"{each}#so_rcvbuf={tcp_bytes}" if each.startswith("tcp/") and "#" not in each else each
-        for each in endpoints
-    ]
-
-
 def _with_datagrams(endpoints: Iterable[str]) -> list[str]:
     """These endpoints and, beside each of TCP, one of UDP for messages that may be lost."""
     found = []
@@ -226,8 +216,10 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
         return zenoh.Config.from_file(str(path))
 
 
-def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
-    """The settings that encrypt every link, and let in only messages that the rights allow."""
+def _encrypted(folder: "SecureFolder", window: int | None) -> dict[str, Any]:
+    """The settings that encrypt every link, offer this window on it, in bytes, and let in only
+    messages that the rights allow.
+    """
     from tfbus.bus.rights import access_control
 
     certificate, key = str(folder.certificate), str(folder.key)
@@ -241,6 +233,7 @@ def _encrypted(folder: "SecureFolder") -> dict[str, Any]:
         # Scouting finds addresses; the certificate says whose they are, and their rights.
         "verify_name_on_connect": folder.rights.names_hosts,
         "close_link_on_expiration": True,
+        "so_rcvbuf": window,
     }
     return {
         "transport/link/protocols": ["tls"],

@@ -9,7 +9,6 @@ from typing import Any
 
 import click
 
-from tfbus.base.errors import TfbusError
 from tfbus.base.wording import and_more, columns, counted, cut, duration, printable
 from tfbus.cli.bag.files import RECORDING
 from tfbus.cli.output import (
@@ -112,18 +111,15 @@ def command(
 
     Several files, or a folder of them, are one recording.
     """
-    try:
-        with open_recording(*files, says_damage=False) as reader:
-            if names_only:
-                print_lines(topics_of(reader))
-                return
-            if check is None:
-                check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
-            if check:
-                reader.check()
-            summary = replace(_sorted(summary_of(reader), order), is_checked=check)
-    except TfbusError as error:
-        raise click.ClickException(str(error)) from error
+    with open_recording(*files, says_damage=False) as reader:
+        if names_only:
+            print_lines(topics_of(reader))
+            return
+        if check is None:
+            check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
+        if check:
+            reader.check()
+        summary = replace(_sorted(summary_of(reader), order), is_checked=check)
     if as_json:
         print_json(_as_map(summary))
         return

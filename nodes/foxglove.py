@@ -73,7 +73,7 @@ class _Robots(TypedDict):
 @click.option("-l", "--loop", is_flag=True, help="With --bag: at the end begin again.")
 @click.option(
     "--urdf",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="FILE",
     help="Show this robot, of a URDF or .xacro file (default: those described on the bus).",
 )

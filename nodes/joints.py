@@ -268,7 +268,7 @@ class _Described:
     declared=(RATE, ZEROS),
     epilog="Examples: tfbus joints arm.urdf; tfbus joints --sweep; tfbus joints --csv waves.csv",
 )
-@click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path), required=False)
+@click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path, dir_okay=False, exists=True), required=False)
 @click.argument("more_arguments", metavar="[NAME:=VALUE]...", nargs=-1)
 @click.option("--zero", is_flag=True, help="Stay at rest: 0, or the middle of the limits.")
 @click.option("--sweep", is_flag=True, help="Move each joint from limit to limit.")
@@ -277,7 +277,7 @@ class _Described:
 @click.option(
     "--csv",
     "csv_path",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="TABLE",
     help="Play a CSV file: a column for each joint, and one named time, in seconds.",
 )
@@ -285,7 +285,7 @@ class _Described:
     "--bag",
     "bags",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, exists=True),
     metavar="RECORDING",
     help="Play the joint states of a recording; repeatable.",
 )

@@ -60,7 +60,7 @@ class _Static(click.Command):
 @click.option(
     "--file",
     "path",
-    type=click.Path(path_type=Path),
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="A YAML list of edges; keys are these flags: frame_id, child_frame_id, x, yaw ...",
 )
 @node_options(lambda: own_name("static"))

@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 
 _NAME = "view"
 
-_FILE = click.Path(path_type=Path, dir_okay=False)
-
 
 def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, int]:
     width, _, height = text.partition("x")
@@ -84,13 +82,13 @@ def _size(ctx: click.Context, param: click.Parameter, text: str) -> tuple[int, i
 @click.option(
     "--settings",
     "path",
-    type=_FILE,
+    type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
     help="Load the page's settings from here, and save them here (default view.yaml).",
 )
 @click.option(
     "--urdf",
-    type=_FILE,
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="FILE",
     help="Show this robot, of a URDF or .xacro file (default: those described on the bus).",
 )
@@ -189,6 +187,8 @@ def main(
     if screenshot and listening.is_public:
         raise click.UsageError("--screenshot and --public are mutually exclusive: give one")
     _require_viser()
+    # The libraries of the page, and the looks of a recording, take seconds.
+    click.echo(f"Loading the page{f' for {screenshot}' if screenshot else ''} ...", err=True)
     from tfbus.view import (
         Access,
         DataOnBus,

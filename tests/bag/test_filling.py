@@ -2,6 +2,7 @@
 
 import os
 import random
+import re
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -114,6 +115,28 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     assert events.count(("filled", "/robot7/recorder")) == 2
 
 
+@pytest.mark.parametrize("stopped_s", [8.0, 20.0])
+def test_a_recorder_that_was_stopped_names_the_whole_outage(
+    bus: Bus, robot: Robot, tmp_path: Path, stopped_s: float
+) -> None:
+    """A recorder that goes on after a stop was out of reach since that began, and has each message
+    once, though some that waited in its socket come again from the robot's recorder.
+    """
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = recording_of_base(bus, path)
+    network.run(20.0)
+    network.stop(process.process)
+    network.run(stopped_s)
+    network.go_on(process.process)
+    said = process.wait_for_line("was out of reach for")
+    found = re.search(r"out of reach for ([0-9.]+) s", said)
+    assert found is not None and stopped_s <= float(found[1]) < stopped_s + 10.0
+    process.wait_for_line("Filled the")
+    assert process.stop() == 0
+    came = sorted(stamps_in(path))
+    assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
+
+
 def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> None:
     """On a link of datagrams all that is sent in a second without it is lost, though no token is:
     by the missing numbers of a stream the recording asks for that time.
@@ -134,7 +157,7 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     print(process.stderr)
     assert "stream 'robot7/sim' are missing" in process.stderr
     assert "out of reach" not in process.stderr
-    came = stamps_in(path)
+    came = sorted(stamps_in(path))
     assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
     assert len(came) > 250
     items = items_of(path)

@@ -14,6 +14,7 @@ from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Buffer, TransformBroadcaster, TransformListener
 from tfbus.bag.player import Player
+from tfbus.cli import main
 from tfbus.cli.bag.play import command
 from tfbus.cli.bag.play_run import bar_text, end_text, follow, log_text
 from tfbus.geometry.columns import Columns
@@ -54,6 +55,29 @@ def test_it_plays_to_the_end(bus: Bus, run_mcap: Path) -> None:
     assert done.returncode == 0, done.stderr
     assert re.search(r"Playing 2\.0 s .* 50: 1 stream, 1 topic; .* moved", done.stderr)
     assert re.search(r"Played 6 messages in", done.stderr)
+
+
+def test_all_count_the_messages_of_a_recording_alike(bus: Bus, tmp_path: Path) -> None:
+    """`bag info`, `topic list` and `bag play` have one number of messages, without those of static
+    transforms, which repeat.
+    """
+    path = tmp_path / "run.mcap"
+    stream = RecordedStream("sim", "/sim", epoch_ns=BEGAN_NS)
+    with RecordingWriter(path) as writer:
+        for n in range(4):
+            log_ns = BEGAN_NS + n * S
+            rows = Columns.of_transforms([at(float(n), stamp_ns=log_ns)])
+            writer.write(TransformItem(log_ns, stream, rows, seq=n))
+            still = Columns.of_transforms([at(1.0, "cam", stamp_ns=BEGAN_NS)])
+            writer.write(TransformItem(log_ns, stream, still, static=True, seq=n // 2))
+            writer.write(TopicItem(log_ns, "turtle1/pose", "Pose", {"x": float(n)}))
+    played = bus.run("bag", "play", str(path), "--rate", "50").stderr
+    info = CliRunner().invoke(main, ["bag", "info", str(path)]).stdout
+    listed = CliRunner().invoke(main, ["topic", "list", "-v", "--bag", str(path)]).stdout
+    rows = [line.split() for line in listed.splitlines()[1:]]
+    assert sum(int(row[-1]) for row in rows if not row[0].startswith("tf_static/")) == 8
+    assert re.search(r"Messages: +8 with 4 dynamic transforms, and 1 static transform\n", info)
+    assert "Played 8 messages in" in played
 
 
 @pytest.mark.parametrize("delay", [(), ("--delay", "0.1")])

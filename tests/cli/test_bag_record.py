@@ -106,7 +106,7 @@ class TestWhat:
         text = "\n".join(process.out)
         assert "to 1 file" in text and "2 streams (" in text and "2 topics (" in text
         shown = CliRunner().invoke(main, ["bag", "info", str(path)]).stdout
-        held = r"with [0-9,]+ dynamic and 1 static transform$"
+        held = r"with [0-9,]+ dynamic transforms, and 1 static transform$"
         assert re.findall(held, text, re.MULTILINE) == re.findall(held, shown, re.MULTILINE) != []
 
     def test_topics_alone(self, bus: Bus, path: Path) -> None:

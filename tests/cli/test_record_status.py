@@ -91,7 +91,7 @@ def test_the_sum_fits_a_screen_and_names_what_is_missing() -> None:
     assert len(lines) < 20
     assert lines[:2] == ["Recorded 65.0 s to 40 files", "  run_0.mcap  1.6 s, 1 kB"]
     sent = next(line for line in lines if line.startswith("30 streams (stream0, stream1"))
-    assert "and 24 more): 300 messages" in sent and "1,200 dynamic and 2 static" in sent
+    assert "and 24 more): 300 messages with 1,200 dynamic transforms, and 2 static" in sent
     assert "1 topic (pose): 5 messages" in lines
     assert any(line.startswith("Not recorded: 3 messages ") for line in lines)
 

@@ -341,6 +341,19 @@ class TestCommand:
         assert json.loads(line)["answer"]["xyz"] == [1.0, 2.0, 3.0]
 
 
+def test_the_answer_is_of_the_moment_of_the_steps() -> None:
+    """A sample that comes after the tree was taken changes neither the answer nor its age."""
+    buffer = Buffer()
+    dynamic(buffer, "map", "base", newest_s=0.1)
+    moment = BusMoment(at_ns=NOW_NS, tree=frame_tree(buffer, [SIM], NOW_NS))
+    dynamic(buffer, "map", "base", oldest_s=0.0)
+    found = explain(moment, buffer, "map", "base")
+    assert found.answer is not None
+    assert found.answer.stamp_ns == NOW_NS - S // 10
+    assert found.age_s == 0.1
+    assert found.steps[0].facts[0] == "100 ms old"
+
+
 def test_no_line_ends_within_an_option() -> None:
     """A line of `tfbus why` breaks at blanks, and never at the hyphen of an option."""
     from tfbus.base.wording import wrapped

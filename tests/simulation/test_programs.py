@@ -6,12 +6,15 @@ import signal
 import sys
 import threading
 import time
+from pathlib import Path
 from types import ModuleType
 
 import click
 import pytest
 
 import tfbus
+from tfbus import Node, Transform, TransformBroadcaster, TransformStamped
+from tfbus.recording.reader import RecordingReader
 from tfbus.testing import Network, SimulationError
 
 
@@ -292,3 +295,29 @@ def test_a_node_of_arguments_has_none_of_pytest_s(network: Network) -> None:
     network.run(1.0)
     assert seen == [[]]
     assert sys.argv == before
+
+
+@pytest.mark.parametrize(
+    ("command", "needs"), [("doctor", "mcap"), ("foxglove", "websockets"), ("view", "viser")]
+)
+def test_a_tool_with_sockets_says_how_to_look_into_the_network(
+    network: Network, tmp_path: Path, command: str, needs: str
+) -> None:
+    """It names the way by a recording, which works."""
+    pytest.importorskip("mcap")
+    pytest.importorskip(needs)
+    refused = network.program("outside", "tfbus", command)
+    assert refused.wait() == 1
+    path = tmp_path / "run.mcap"
+    assert f"tfbus bag record -o {path.name}" in refused.stderr
+    assert f"tfbus {command} --bag {path.name}" in refused.stderr
+    recorder = network.program("outside", "tfbus", "bag", "record", "-o", str(path))
+    recorder.wait_for_line("Recording to")
+    with network.process("outside", "robot"):
+        TransformBroadcaster(Node("robot")).send_transform(
+            TransformStamped(0, "map", "base", Transform.identity())
+        )
+    network.run(1.0)
+    assert recorder.stop() == 0
+    with RecordingReader(path) as reader:
+        assert [stream.stream.name for stream in reader.streams] == ["robot"]

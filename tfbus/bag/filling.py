@@ -18,6 +18,7 @@ from tfbus.base.bounded import Bounded
 from tfbus.base.errors import BusError, DecodeError, TfbusError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
+from tfbus.base.own_pauses import own_pauses
 from tfbus.base.wording import counted, duration, printable
 from tfbus.bus.session import Session
 from tfbus.recording.items import EventItem, EventKind, Selection
@@ -68,7 +69,7 @@ _WRITTEN_WITHIN_S = 60.0
 class _Gap:
     """A gap between two log times, and how much of it is filled.
 
-    `lost_ns` is when the token was lost, or only messages of `stream`. `place` is where its next
+    `lost_ns` is when the token was lost (or a pause of ours began), or only messages of `stream`. `place` is where its next
     page begins, `ahead_ns` how far the keeper's clock is ahead of log times here.
     """
 
@@ -255,7 +256,9 @@ class Filling:
             return
         keeper.is_there = alive
         if not alive:
-            keeper.lost_ns = self._recorder.now_ns()
+            # Stopped, we did not hear it either.
+            unheard_ns = int(own_pauses().unheard_s() * 1e9)
+            keeper.lost_ns = self._recorder.now_ns() - unheard_ns
             if keeper.asking is not None:
                 keeper.asking.close()
             if keeper.beside:

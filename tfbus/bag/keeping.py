@@ -381,7 +381,8 @@ class MissedMessages:
 _KNOWN_NS = 60_000_000_000
 _MOST_KNOWN = 1_000_000
 
-# Log times of a message that came twice differ by less: of two recorders, and by the link.
+# Log times of a message that came twice differ by less: of two recorders, and by the link. Dynamic
+# transforms have numbers, and no two are the same: one may come as late as it likes.
 _SAME_WITHIN_NS = 5_000_000_000
 # Messages without a stamp are equal to the ones before and after them.
 _SAME_AGAIN_WITHIN_NS = 500_000_000
@@ -424,7 +425,10 @@ class Received:
         times = self._log_ns.get(key)
         if not times:
             return False
-        within_ns = _SAME_WITHIN_NS if len(times) == 1 else _SAME_AGAIN_WITHIN_NS
+        is_alone = len(times) == 1
+        within_ns = _SAME_WITHIN_NS if is_alone else _SAME_AGAIN_WITHIN_NS
+        if is_alone and isinstance(item, TransformItem) and not item.static:
+            within_ns = _KNOWN_NS
         first = bisect_left(times, item.log_ns - within_ns)
         end = bisect_right(times, item.log_ns + within_ns)
         left = [log_ns for log_ns in times[first:end] if (key, log_ns) not in fill.met]

@@ -87,6 +87,7 @@ class Player(Playhead):
         self._goes_to_ns: int | None = None
         # Of the last message that was played since it began, or was sought to.
         self._last_ns: int | None = None
+        self._has_played = False
         self._is_stopped = False
 
     def stop(self) -> None:
@@ -132,7 +133,9 @@ class Player(Playhead):
                     return True
                 is_news, self._pace_is_news = self._pace_is_news, False
                 if not is_news and self._has_ended(ahead):
-                    if self._at_end == "stop" or (self._at_end == "loop" and not self._sent):
+                    if self._at_end == "stop" or (
+                        self._at_end == "loop" and not self._has_played
+                    ):
                         return False
                     is_news = not self._is_at_end
                     self._arrive(can_loop=True)
@@ -189,7 +192,8 @@ class Player(Playhead):
             self._anchor(self._reached_ns)
         elif not self._is_due(first.log_ns):
             return None
-        self._sent += is_message
+        self._sent += is_message and not _is_static(first)
+        self._has_played |= is_message
         self._last_ns = self._reached_ns if is_message else self._last_ns
         return ahead.pop()
 
@@ -222,6 +226,10 @@ class Player(Playhead):
             if goes_to_ns is not None:
                 return goes_to_ns
         return self._played_ns()
+
+
+def _is_static(item: Item) -> bool:
+    return isinstance(item, TransformItem) and item.static
 
 
 def _is_message(item: Item) -> bool:

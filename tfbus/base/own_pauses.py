@@ -27,7 +27,7 @@ class OwnPauses:
 
     def __init__(self) -> None:
         self._looked_s = math.inf
-        self._ended_s = -math.inf
+        self._began_s = self._ended_s = -math.inf
 
     def watch(self, executor: Executor) -> None:
         """Look from now on, until the executor is closed; one look of several is enough."""
@@ -38,9 +38,15 @@ class OwnPauses:
         """For how many seconds others have to be heard yet before they can be judged; mostly 0."""
         now_s = scheduler.monotonic()
         if now_s - self._looked_s > _LOOK_EVERY_S + _LATE_S:
-            self._ended_s = now_s
+            self._began_s, self._ended_s = self._looked_s, now_s
         since_s = now_s - self._ended_s
         return _LINKED_WITHIN_S - since_s if 0.0 <= since_s < _LINKED_WITHIN_S else 0.0
+
+    def unheard_s(self) -> float:
+        """For how many seconds it may not have heard others, since its last pause began; 0 once
+        its links can be there again.
+        """
+        return scheduler.monotonic() - self._began_s if self.left_s() else 0.0
 
     def after(
         self,

@@ -15,6 +15,7 @@ from tfbus.base.wording import listed
 from tfbus.bus.rights import RIGHTS, ROLES, Identity
 from tfbus.cli import Verbs
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
+from tfbus.command.options import click_error
 from tfbus.command.types import Number
 
 if TYPE_CHECKING:
@@ -35,7 +36,9 @@ class _Keys(Verbs):
             )
         try:
             return super().invoke(ctx)
-        except (TfbusError, OSError) as error:
+        except TfbusError as error:
+            raise click_error(error) from error
+        except OSError as error:
             raise click.ClickException(str(error)) from error
 
 

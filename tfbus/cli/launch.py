@@ -11,13 +11,14 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from tfbus.base.errors import TfbusError
+from tfbus.base.errors import SettingsError, TfbusError
 from tfbus.base.log import open_log
 from tfbus.base.signals import StopSignals
 from tfbus.bus.settings import MODES, NodeSettings
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.cli import NODES, entry_points
 from tfbus.cli.output import paint, print_lines
+from tfbus.command.options import click_error
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, matching
 from tfbus.launch.arguments import show_arguments
 from tfbus.launch.child import (
@@ -27,7 +28,7 @@ from tfbus.launch.child import (
     dry_run_line,
     program_of,
 )
-from tfbus.launch.description import LaunchArgumentError
+from tfbus.launch.description import LaunchArgumentError, LaunchError
 from tfbus.launch.find import (
     find_in,
     find_launch_file,
@@ -55,11 +56,14 @@ def complete_file(
 def chosen_file(file: str, arguments: Sequence[str]) -> tuple[Path, tuple[str, ...]]:
     """The launch file of `FILE ...` or `PACKAGE FILE ...`, and the rest of the arguments.
 
-    Raises LaunchError if there is none.
+    Raises SettingsError if there is none.
     """
-    if arguments and "=" not in arguments[0] and "/" not in file:
-        return find_in(file, arguments[0]), tuple(arguments[1:])
-    return find_launch_file(file), tuple(arguments)
+    try:
+        if arguments and "=" not in arguments[0] and "/" not in file:
+            return find_in(file, arguments[0]), tuple(arguments[1:])
+        return find_launch_file(file), tuple(arguments)
+    except LaunchError as error:
+        raise SettingsError(str(error)) from error
 
 
 def _has_files(package: str) -> bool:
@@ -240,7 +244,7 @@ def _as_click_errors() -> Iterator[None]:
     except LaunchArgumentError as error:
         raise click.UsageError(f"{error} (write arguments as NAME:=VALUE)") from error
     except TfbusError as error:
-        raise click.ClickException(str(error)) from error
+        raise click_error(error) from error
 
 
 def _settings(bus: Mapping[str, Any]) -> NodeSettings:

@@ -316,6 +316,14 @@ def counted_transforms(dynamic: int, static: int) -> str:
     return f"{dynamic:,} dynamic and {text}" if dynamic else text
 
 
+def with_transforms(messages: str, dynamic: int, static: int) -> str:
+    """`60 messages with 9,000 dynamic transforms, and 2 static transforms`: messages of static
+    transforms, which repeat, are not among the 60.
+    """
+    said = f"{messages} with {many(dynamic, 'dynamic transform')}" if dynamic else messages
+    return f"{said}, and {many(static, 'static transform')}" if static else said
+
+
 def many(count: int, noun: str) -> str:
     """A number of things, with commas: `9,000,000 transforms`."""
     return f"{count:,} {noun}{'' if count == 1 else 's'}"

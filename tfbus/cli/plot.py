@@ -19,7 +19,15 @@ from tfbus.cli.bus import listening
 from tfbus.cli.output import say
 from tfbus.command.options import listening_options, max_gap_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import POSITIVE, FrameName, MomentType, Number, OutputFile, own_name
+from tfbus.command.types import (
+    IN_FILE,
+    POSITIVE,
+    FrameName,
+    MomentType,
+    Number,
+    OutputFile,
+    own_name,
+)
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer, track_from_file
 from tfbus.geometry.sampling import Sampling
@@ -30,7 +38,6 @@ if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
 
 _ENDINGS = (".png", ".svg", ".pdf")
-_FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 _RATE_HZ = 50.0
 
 # How much publishers keep by default.
@@ -101,7 +108,7 @@ def command(
     if from_text is not None and bag is None:
         if target is not None or for_s is not None:
             raise click.UsageError("--from plots a file: omit the frames and --for, or give --bag")
-        track = track_from_file(_FILE.convert(from_text, None, click.get_current_context()))
+        track = track_from_file(IN_FILE.convert(from_text, None, click.get_current_context()))
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
     elif bag is not None:

@@ -100,7 +100,6 @@ def command(
             frames_in_other_namespaces=elsewhere,
             advice=advice,
         )
-        now_ns = heard.now_ns()  # before the nodes answer, as the ages of the edges are
         nodes = ask_nodes(session).nodes
         waiting = [
             f"{node.name}: {each}"
@@ -111,7 +110,7 @@ def command(
         explanation = replace(explanation, filters=tuple(waiting))
         if not heard.buffer.frames() and (hint := out_of_reach(session)):
             explanation = replace(explanation, remedies=(hint,))
-    _print(explanation, now_ns, as_json)
+    _print(explanation, as_json)
 
 
 def _explain_recorded(
@@ -128,14 +127,14 @@ def _explain_recorded(
         )
         if not as_json:
             print_lines(moment_lines(bag, heard))
-        _print(explanation, heard.now_ns(), as_json)
+        _print(explanation, as_json)
 
 
-def _print(explanation: Explanation, now_ns: int, as_json: bool) -> None:
+def _print(explanation: Explanation, as_json: bool) -> None:
     if as_json:
         print_json(_as_map(explanation))
     else:
-        print_lines(_lines(explanation, now_ns))
+        print_lines(_lines(explanation))
     if explanation.answer is None:
         raise SystemExit(1)
 
@@ -146,9 +145,9 @@ def _history_s(moment: Moment | None) -> float:
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
 
 
-def _lines(it: Explanation, now_ns: int) -> list[str]:
+def _lines(it: Explanation) -> list[str]:
     lines = [
-        paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it, now_ns)}", "heading")
+        paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it)}", "heading")
     ]
     lines += wrapped(it.failure, _LONGEST, "  ") if it.failure else []
     for step in it.steps:
@@ -166,12 +165,10 @@ def _when(it: Explanation) -> str:
     return "" if it.stamp_ns is None else f" at {stamp_text(it.stamp_ns)}"
 
 
-def _outcome(it: Explanation, now_ns: int) -> str:
+def _outcome(it: Explanation) -> str:
     if it.answer is None:
         return "no answer"
-    if it.stamp_ns is not None or not it.answer.stamp_ns:
-        return "there is an answer"
-    return f"there is an answer, {age((now_ns - it.answer.stamp_ns) / 1e9)}"
+    return "there is an answer" if it.age_s is None else f"there is an answer, {age(it.age_s)}"
 
 
 def _step_lines(step: Step) -> list[str]:

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.errors import MissingFileError, SettingsError, TfbusError
 from tfbus.base.signals import forget_interrupt
 from tfbus.base.wording import natural_order, printable
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
@@ -231,11 +231,19 @@ class Several(click.Option):
 F = TypeVar("F", bound=Callable[..., Any])
 
 
+def click_error(error: TfbusError) -> click.ClickException:
+    """The error of a command: exit code 2 if it was called wrongly, with a setting that is invalid,
+    a file that is not there, or without its terminal; 1 if it failed.
+    """
+    is_mistake = isinstance(error, (SettingsError, MissingFileError))
+    return (click.UsageError if is_mistake else click.ClickException)(str(error))
+
+
 def bus_options(name: str) -> Callable[[F], F]:
     """Add the options by which a process joins the bus to a click command.
 
     The command's first argument is then their value, NodeSettings of this name. A TfbusError that
-    it raises is printed as one sentence, with exit code 1; 2 for wrong settings.
+    it raises is printed as one sentence, with the exit code of `click_error`.
     """
     return _with_options(name, _BUS_OPTIONS)
 
@@ -407,7 +415,7 @@ def _with_options(
             try:
                 return function(settings, *args, **values)
             except TfbusError as error:
-                raise click.ClickException(str(error)) from error
+                raise click_error(error) from error
 
         decorated: Any = help_all_option(command)
         for option in reversed([*options.values()]):

@@ -13,13 +13,13 @@ from tfbus.base.addresses import is_local
 from tfbus.base.errors import SettingsError
 from tfbus.base.installation import install_command
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.types import IN_FILE
 
 if TYPE_CHECKING:
     from tfbus.command.server_access import AccessToken, ServerTls
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 
 
 @dataclass(frozen=True)
@@ -143,20 +143,20 @@ def _options(variable: str, port: int) -> list[Callable[[Any], Any]]:
         ),
         click.option(
             "--token-file",
-            type=_FILE,
+            type=IN_FILE,
             metavar="FILE",
             help="With --public: the token is in this file.",
         ),
         click.option(
             "--certificate",
-            type=_FILE,
+            type=IN_FILE,
             metavar="FILE",
             help="With --public: the certificate, in PEM (default: that of --secure, or a new "
             "one).",
         ),
         click.option(
             "--key",
-            type=_FILE,
+            type=IN_FILE,
             metavar="FILE",
             help="With --certificate: its private key (default: in the same file).",
         ),

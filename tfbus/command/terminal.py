@@ -18,7 +18,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from types import FrameType
 from typing import Any
 
-from tfbus.base.errors import TfbusError
+from tfbus.base.errors import SettingsError
 
 # Signals that end or stop a process by default. SIGINT and SIGTERM, which tfbus handles, end the
 # `with` and need nothing here.
@@ -30,7 +30,7 @@ _STANDARD_INPUT = 0
 QUIT = "q"
 
 
-class NoTerminalError(TfbusError):
+class NoTerminalError(SettingsError):
     """Standard input is not a terminal, or its terminal was closed."""
 
 

@@ -489,6 +489,9 @@ def matching(values: Iterable[str], incomplete: str) -> list[CompletionItem]:
     return [CompletionItem(value) for value in values if value.startswith(incomplete)]
 
 
+# A file that a command reads; a usage error if it is not there.
+IN_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
+
 # A value that ends so is a file, though there is none.
 _ROSTER_FILES = (".txt", ".list", ".lst", ".csv")
 

@@ -1,6 +1,7 @@
 """Why a lookup fails, or would fail, on a bus or in a recording: its path, edge by edge."""
 
 from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -135,7 +136,8 @@ class Step:
 class Explanation:
     """The result of a lookup of `source` seen from `target` at a stamp (None: the latest).
 
-    `failure` is the message of the error, "" when there is an `answer`. `steps` lead from the
+    `failure` is the message of the error, "" when there is an `answer`; `age_s` is that of the
+    latest one by the moment that the steps are of, None if all is static. `steps` lead from the
     target to the source or, when they are not connected, from each to its root. `remedies` are
     sentences, the most likely first.
     """
@@ -147,6 +149,7 @@ class Explanation:
     failure: str
     steps: tuple[Step, ...]
     remedies: tuple[str, ...]
+    age_s: float | None = None
     # The subscriptions whose messages wait for this lookup, of each its node and counts.
     filters: tuple[str, ...] = ()
 
@@ -168,8 +171,8 @@ def explain(
     `reads_only` is the namespace that our identity on a closed bus may read, "" for all.
     """
     tree = moment.tree
-    answer, error = _look_up(buffer, target, source, stamp_ns)
     children = _children(tree, target, source)
+    answer, error = _look_up(buffer, target, source, stamp_ns, _newest_ns(tree, children))
     steps = tuple(_judge(tree, child, stamp_ns, advice) for child in children)
     near = {target, source, *children}
     remedies = [
@@ -188,16 +191,30 @@ def explain(
         advice.failure(error) if error else "",
         steps,
         tuple(dict.fromkeys(filter(None, remedies))),
+        (tree.recorded_ns - answer.stamp_ns) / 1e9
+        if answer and answer.stamp_ns and stamp_ns is None
+        else None,
     )
 
 
 def _look_up(
-    buffer: Buffer, target: str, source: str, stamp_ns: int | None
+    buffer: Buffer, target: str, source: str, stamp_ns: int | None, newest_ns: int | None
 ) -> tuple[TransformStamped | None, TransformException | None]:
+    """The lookup; the latest one as of `newest_ns`, since samples come while we look."""
     try:
-        return buffer.lookup_transform(target, source, stamp_ns), None
+        answer = buffer.lookup_transform(target, source, stamp_ns)
+        if stamp_ns is None and newest_ns is not None and answer.stamp_ns > newest_ns:
+            with suppress(TransformException):  # a frame has changed its parent meanwhile
+                answer = buffer.lookup_transform(target, source, newest_ns)
+        return answer, None
     except TransformException as error:
         return None, error
+
+
+def _newest_ns(tree: FrameTree, children: Iterable[str]) -> int | None:
+    """The newest stamp that all moving edges have, by the tree; None if none moves."""
+    newest = [tree.frames[each].newest_ns for each in children if not tree.frames[each].static]
+    return min(filter(None, newest), default=None)
 
 
 def _children(tree: FrameTree, target: str, source: str) -> list[str]:

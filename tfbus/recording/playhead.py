@@ -72,9 +72,10 @@ class Pace:
 class Progress:
     """How far a recording is played. Times are log times in ns.
 
-    It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played. `loops` is
-    which round of a loop it is, from 1; 0 if it does not loop. `late_ns` is by how much it is
-    behind in all, if the machine is too slow for the rate. It `is_at_end` if it stands there.
+    It plays from `start_ns` to `end_ns` and is at `log_ns`. `sent` messages were played, without
+    static transforms, which repeat. `loops` is which round of a loop it is, from 1; 0 if it does
+    not loop. `late_ns` is by how much it is behind in all, if the machine is too slow for the rate.
+    It `is_at_end` if it stands there.
     """
 
     start_ns: int

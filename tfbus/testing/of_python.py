@@ -74,10 +74,23 @@ def _refusing(sentence: str) -> Callable[..., NoReturn]:
     return refuse
 
 
-_socket = _refusing(
-    "a socket cannot be simulated: its other end is in real time. Use a topic or a service, or "
-    "give the node an object in its place that the test makes"
-)
+_LOOKS_INTO_FILES = ("doctor", "foxglove", "view")
+
+
+def _socket(*_: object, **__: object) -> NoReturn:
+    # In a program these are its own.
+    command = next((word for word in sys.argv[1:] if not word.startswith("-")), "")
+    if sys.modules["__main__"].__name__ == "tfbus.__main__" and command in _LOOKS_INTO_FILES:
+        raise SimulationError(
+            f"tfbus {command} needs sockets, which cannot be simulated: run tfbus bag record -o "
+            f"run.mcap in the simulated network, and then, outside of it, tfbus {command} --bag "
+            "run.mcap"
+        )
+    raise SimulationError(
+        "a socket cannot be simulated: its other end is in real time. Use a topic or a service, or "
+        "give the node an object in its place that the test makes"
+    )
+
 
 
 def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:

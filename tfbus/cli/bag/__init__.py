@@ -8,6 +8,7 @@ import click
 
 from tfbus.base.errors import TfbusError
 from tfbus.cli import Verbs
+from tfbus.command.options import click_error
 
 # One line each, repeated here because importing all of them for `--help` is slow; a test compares
 # them.
@@ -40,7 +41,7 @@ class _Bag(Verbs):
         try:
             return super().invoke(ctx)
         except TfbusError as error:
-            raise click.ClickException(str(error)) from error
+            raise click_error(error) from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return sorted(VERBS)

@@ -9,11 +9,9 @@ from typing import Any
 
 import click
 
-from tfbus.base.errors import TfbusError
 from tfbus.base.wording import and_more, columns, counted, cut, duration, printable
 from tfbus.cli.bag.files import RECORDING
 from tfbus.cli.output import (
-    counted_transforms,
     json_option,
     many,
     paint,
@@ -21,6 +19,7 @@ from tfbus.cli.output import (
     print_lines,
     table,
     width,
+    with_transforms,
 )
 from tfbus.command.recordings import open_recording
 from tfbus.frames.track import least_gap_s
@@ -112,18 +111,15 @@ def command(
 
     Several files, or a folder of them, are one recording.
     """
-    try:
-        with open_recording(*files, says_damage=False) as reader:
-            if names_only:
-                print_lines(topics_of(reader))
-                return
-            if check is None:
-                check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
-            if check:
-                reader.check()
-            summary = replace(_sorted(summary_of(reader), order), is_checked=check)
-    except TfbusError as error:
-        raise click.ClickException(str(error)) from error
+    with open_recording(*files, says_damage=False) as reader:
+        if names_only:
+            print_lines(topics_of(reader))
+            return
+        if check is None:
+            check = sum(chunk.chunk.size for chunk in reader.chunks) <= _CHECKED_BYTES
+        if check:
+            reader.check()
+        summary = replace(_sorted(summary_of(reader), order), is_checked=check)
     if as_json:
         print_json(_as_map(summary))
         return
@@ -179,8 +175,7 @@ def _head(summary: Summary) -> Iterator[str]:
     yield _line("End", _moment(summary.end_ns))
     transforms = sum(stream.transforms for stream in summary.streams)
     statics = sum(len(stream.static_frames) for stream in summary.streams)
-    held = counted_transforms(transforms, statics)
-    yield _line("Messages", f"{summary.messages:,}, with {held}")
+    yield _line("Messages", with_transforms(f"{summary.messages:,}", transforms, statics))
     said = [f"tfbus {summary.about['version']}"] if "version" in summary.about else []
     said += [f"on {summary.about['host']}"] if "host" in summary.about else []
     if said and ("host" in summary.about or "edited" not in summary.about):

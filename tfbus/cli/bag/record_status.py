@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tfbus.bag.keeping import WrittenPart
 from tfbus.base.wording import counted, cut, duration, listed, printable
-from tfbus.cli.output import counted_transforms, many, paint, width
+from tfbus.cli.output import many, paint, width, with_transforms
 from tfbus.wire.limits import size_text
 
 # Rates are over this time.
@@ -182,8 +182,8 @@ def summary(
     if len(shown) < len(parts):
         lines.insert(3, f"  … {len(parts) - len(shown)} more")
     if streams:
-        sent = f"{many(streams.total(), 'message')}, with " if streams.total() else ""
-        lines.append(f"{_rows('stream', streams)}: {sent}{counted_transforms(transforms, statics)}")
+        held = with_transforms(many(streams.total(), "message"), transforms, statics)
+        lines.append(f"{_rows('stream', streams)}: {held}")
     else:
         lines.append("No transforms")
     if topics:

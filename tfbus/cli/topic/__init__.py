@@ -58,7 +58,7 @@ from tfbus.cli.topic.source import (
 )
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
+from tfbus.command.types import IN_FILE, NOT_NEGATIVE, POSITIVE, Number, TopicName, matching
 from tfbus.recording.reader import topics_of
 from tfbus.wire.codec import encode_message, type_name
 from tfbus.wire.keys import relative
@@ -367,7 +367,7 @@ _CALLED_IN_ROS = {
 @click.option(
     "--file",
     "path",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=IN_FILE,
     help="Publish the cloud (.ply, .pcd, .npy, .npz) or image (.png, .jpg, .npy) in a file; VALUES "
     "are its frame_id and stamp_ns, which is else the time of each message.",
 )

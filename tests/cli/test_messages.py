@@ -200,6 +200,8 @@ def test_values_of_another_type_are_errors(
         ),
         ("nosuch.module:A", "'nosuch.module' cannot be imported: No module named 'nosuch'"),
         ("json:Battery", "json has no dataclass 'Battery'; a message must be one"),
+        (":Battery", "'' is no module: write package.module:Battery"),
+        (".messages:Battery", "'.messages' is no module"),
     ],
 )
 def test_an_unknown_type_is_an_error(text: str, sentence: str) -> None:

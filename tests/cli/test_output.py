@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.cli.output import paint, screen, table, yaml_text
+from tfbus.cli.output import as_json, paint, screen, table, yaml_text
 from tfbus.cli.topic.measure import BANDWIDTH, DELAY, RATE
 from tfbus.frames.windows import WindowReading
 
@@ -63,6 +63,11 @@ class TestText:
         assert paint("x", "bad") == "\x1b[31mx\x1b[0m"
         monkeypatch.setenv("NO_COLOR", "1")
         assert paint("x", "bad") == "x"
+
+    def test_bytes_are_digits_in_json(self) -> None:
+        """As values, and as the names that a stranger's nested map may have."""
+        value = {"data": b"\x01", "maps": [{b"\xff": {b"a": 1}}]}
+        assert as_json(value) == '{"data": "01", "maps": [{"ff": {"61": 1}}]}'
 
     @pytest.mark.parametrize(
         ("value", "text"),

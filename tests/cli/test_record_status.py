@@ -96,6 +96,13 @@ def test_the_sum_fits_a_screen_and_names_what_is_missing() -> None:
     assert any(line.startswith("Not recorded: 3 messages ") for line in lines)
 
 
+def test_all_files_that_are_left_are_named() -> None:
+    """Also if the first of them were deleted."""
+    parts = [WrittenPart(Path(f"my_run_{number}.mcap"), 1.0, 100) for number in range(8, 12)]
+    lines = summary(parts, 1, 0, Counter(sim=1), Counter(), Counter(), deleted=8)
+    assert lines[-1] == "Look into it: tfbus bag info my_run_*.mcap"
+
+
 def test_a_file_with_a_space_is_named_as_a_shell_takes_it() -> None:
     """The command that looks into it can be copied, also for all parts of a recording."""
     nothing: Counter[str] = Counter()

@@ -327,6 +327,19 @@ class TestCommand:
         _, (answer, edge, *_) = self.run(bus, "world", "base")
         assert re.findall(r"[0-9.]+ m?s old", answer) == re.findall(r"[0-9.]+ m?s old", edge) != []
 
+    def test_the_past_may_be_a_date(self, bus: Bus) -> None:
+        """A date is looked up in what publishers hold of then, as seconds before now are."""
+        node = bus.node("sim")
+        send = TransformBroadcaster(node, history_s=60.0).send_transform
+        node.create_timer(
+            0.1,
+            lambda: send(TransformStamped(node.now_ns(), "world", "base", Transform.identity())),
+        )
+        bus.network.run(40.0)
+        then_ns = node.now_ns() - 30 * S
+        assert self.run(bus, "world", "base", "--at", str(then_ns))[0] == 0
+        assert self.run(bus, "world", "base", "--at", "-30s")[0] == 0
+
     def test_a_machine_reads_it_as_json(self, bus: Bus) -> None:
         """JSON has the answer, each step and the remedies; all namespaces are searched."""
         node = bus.node("sim", namespace="robot7")

@@ -257,6 +257,8 @@ def _all_messages() -> dict[str, Any]:
 
 
 def _imported(module: str, name: str, is_one: Callable[[Any], bool], else_: str) -> type:
+    if not module or module.startswith("."):
+        raise click.UsageError(f"{module!r} is no module: write package.module:{name}")
     sys.path.insert(0, str(Path.cwd()))  # as `python -m` does
     try:
         found = getattr(import_module(module), name, None)

@@ -76,7 +76,19 @@ def print_json(value: object) -> None:
 
 def as_json(value: object) -> str:
     """A line of JSON; bytes in hexadecimal digits."""
-    return json.dumps(value, default=_in_json)
+    try:
+        return json.dumps(value, default=_in_json)
+    except TypeError:  # a message within a message may have bytes for names
+        return json.dumps(_with_texts_as_keys(value), default=_in_json)
+
+
+def _with_texts_as_keys(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {
+            _in_json(key) if isinstance(key, bytes) else key: _with_texts_as_keys(item)
+            for key, item in value.items()
+        }
+    return list(map(_with_texts_as_keys, value)) if isinstance(value, list) else value
 
 
 def _in_json(value: Any) -> Any:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.wording import age, stamp_text, wrapped
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
@@ -78,7 +79,7 @@ def command(
     from tfbus.bus.presence import ask_nodes, frames_in_other_namespaces
 
     with listening(
-        settings, fleet, history_s=_history_s(moment), cache_time_s=_LONGEST_BACK_S
+        settings, fleet, history_s=_history_s(moment, settings), cache_time_s=_LONGEST_BACK_S
     ) as heard:
         session, asked_ns = heard.node.session, heard.now_ns()
         # It takes a while, in which samples come: the tree and the lookup are of after it.
@@ -139,9 +140,14 @@ def _print(explanation: Explanation, as_json: bool) -> None:
         raise SystemExit(1)
 
 
-def _history_s(moment: Moment | None) -> float:
+def _history_s(moment: Moment | None, settings: NodeSettings) -> float:
     """How much history to ask for: back to the moment, and 10 s to measure rates."""
-    back_s = -moment.ns / 1e9 if moment and moment.is_relative else 0.0
+    back_s = 0.0
+    if moment is not None:
+        now_ns = SYSTEM_CLOCK.now_ns()
+        back_s = (now_ns - moment.at(now_ns)) / 1e9
+        if settings.sim_time and not moment.is_relative:
+            back_s = _LONGEST_BACK_S  # by a clock that is not known yet
     return min(max(back_s, 0.0) + 10.0, _LONGEST_BACK_S)
 
 

@@ -194,14 +194,18 @@ def summary(
     paths = [part.path for part in parts]
     named = [shlex.quote(str(path)) for path in paths]
     if len(paths) > 3:
-        named = [_all_parts(paths[0])]
+        named = [_all_parts(paths[0], is_numbered=deleted > 0)]
     lines.append(f"Look into it: tfbus bag info {printable(' '.join(named))}")
     return lines
 
 
-def _all_parts(first: Path) -> str:
-    """All files of a recording, as a shell finds them."""
-    return f"{shlex.quote(str(first.with_suffix('')))}*{first.suffix}"
+def _all_parts(first: Path, *, is_numbered: bool) -> str:
+    """All files of a recording, as a shell finds them; the first left has a number, if it is not
+    the first one.
+    """
+    stem = str(first.with_suffix(""))
+    begin = stem[: stem.rindex("_") + 1] if is_numbered else stem
+    return f"{shlex.quote(begin)}*{first.suffix}"
 
 
 _LOST = {

@@ -1,6 +1,6 @@
 """Tables of a bounded size."""
 
-from tfbus.base.bounded import Bounded
+from tfbus.base.bounded import Bounded, MadeOf
 
 
 def test_the_item_that_was_assigned_longest_ago_goes() -> None:
@@ -32,3 +32,24 @@ def test_a_table_is_filled_in_other_ways_too() -> None:
     table.update({1: 1, 2: 2, 3: 3})
     table.setdefault(4, 4)
     assert list(table) == [3, 4]
+
+
+def test_what_was_made_is_found_by_the_same_object_only() -> None:
+    """An equal object is another one; with another hash of how it was made, too."""
+    made: MadeOf[str] = MadeOf(10)
+    one, equal = (1, [2]), (1, [2])
+    assert made.keep("of one", one, True) == "of one"
+    assert [made.get(one, True), made.get(one, False), made.get(equal, True)] == [
+        "of one",
+        None,
+        None,
+    ]
+
+
+def test_an_object_that_is_kept_keeps_its_identity() -> None:
+    """So no later object is taken for it; beyond the limit all are let go."""
+    made: MadeOf[int] = MadeOf(3)
+    for number in range(100):
+        given = (number, object())
+        assert made.get(given) is None
+        assert made.keep(number, given) == made.get(given) == number

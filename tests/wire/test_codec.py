@@ -178,6 +178,41 @@ def test_a_map_by_texts_and_anything_at_all_are_fields_too() -> None:
     assert re.search("'prices' .*a key .*a text$", refusal({"prices": {b"tea": 2}}, Catalogue))
 
 
+def test_messages_in_a_map_by_texts_are_sent_too() -> None:
+    """In lists, tuples and dicts, at any depth."""
+
+    @dataclass(frozen=True)
+    class Shelf:
+        items: dict[str, Point]
+        more: Any = None
+
+    shelf = Shelf({"tea": Point(1.0)}, {"deep": [{"a": (Point(2.0, 3.0),)}]})
+    sent = encode_message(shelf)
+    assert decode_message(Shelf, sent).items == shelf.items
+    assert decode_map(sent)["more"] == {"deep": [{"a": [{"x": 2.0, "y": 3.0}]}]}
+
+
+def test_a_message_that_is_in_itself_is_refused_in_words() -> None:
+    """By an error, not by the end of Python's stack."""
+
+    @dataclass
+    class Knot:
+        inside: list[Any]
+
+    knot = Knot([])
+    knot.inside.append(knot)
+    with pytest.raises(BusError, match="could not send a message"):
+        encode_message(knot)
+
+
+def test_a_field_in_a_message_of_a_list_is_named_if_it_cannot_be_sent() -> None:
+    """With its path."""
+    with pytest.raises(BusError, match=r"field 'points\[1\]\.x'"):
+        encode_message(
+            Everything(1, 2.0, True, "", b"", Point(1), [Point(1), Point(cast(Any, {1}))])
+        )
+
+
 def test_a_missing_field_is_named() -> None:
     """A message without a field that it must have is refused, and the field named."""
     assert refusal({}, Pose).endswith("'stamp_ns' is missing")

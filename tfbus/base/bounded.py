@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -30,3 +30,27 @@ class Bounded(OrderedDict[K, V]):
             self.evicted += 1
             if self._on_evict is not None:
                 self._on_evict(*oldest)
+
+
+class MadeOf(Generic[V]):
+    """What was made of objects that cannot change, by their identity: to compare them, or to hash
+    them, may take longer than to make it again. Safe from any thread.
+
+    It keeps the objects, so that no other has the identity of one; beyond `most` all are let go.
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._made: dict[tuple[int, object], tuple[object, V]] = {}
+
+    def get(self, given: object, how: object = None) -> V | None:
+        """What was made of an object, in a way that has a hash; None if it is not known."""
+        entry = self._made.get((id(given), how))
+        return None if entry is None else entry[1]
+
+    def keep(self, made: V, given: object, how: object = None) -> V:
+        """Remember what was made of an object; the same."""
+        if len(self._made) >= self._most:
+            self._made.clear()
+        self._made[id(given), how] = given, made
+        return made

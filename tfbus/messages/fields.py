@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from tfbus.base import lazy_numpy as np
 from tfbus.base.lazy_numpy import NDArray
 
+_LARGE = 4096
+
 # Where a field with a former name is now, as a path; of a list, a path for each item.
 Former = Mapping[str, str | tuple[str, ...]]
 
@@ -35,7 +37,7 @@ class ArrayOf:
     @property
     def row_size(self) -> int:
         """The bytes of a row."""
-        return int(self.dtype[2:]) * max(len(self.columns), 1)
+        return _SIZES[self.kind] * (len(self.columns) or 1)
 
     def made(self, value: Any, name: str) -> Any:
         """An array of a value that a program gives the field `name`: it shares its memory if the
@@ -44,12 +46,14 @@ class ArrayOf:
         Bytes and the like are taken as the numbers' memory. Raises ValueError for another shape,
         and for numbers that this type does not hold.
         """
-        if isinstance(value, bytes | bytearray | memoryview):
+        if value.__class__ is np.ndarray and self._is_of_this_type(value):
+            if value.flags.writeable:
+                value = value.view()
+                value.setflags(write=False)
+            return value
+        if isinstance(value, (bytes, bytearray, memoryview)):  # `|` takes longer
             return self.of_memory(value, name)
         given = np.asarray(value)
-        flags = given.flags
-        if flags.c_contiguous and not flags.writeable and given is value and self._is_made(given):
-            return given
         if not given.size:
             given = given.reshape(-1, *self._tail).astype(self.dtype)
         if given.ndim != 1 + len(self._tail) or given.shape[1:] != self._tail:
@@ -60,34 +64,45 @@ class ArrayOf:
         array.flags.writeable = False
         return array
 
-    def _is_made(self, array: Any) -> bool:
-        """Whether an array is as `made` and `of_memory` have them, but for its flags."""
-        return bool(array.dtype.str == self.dtype and array.shape[1:] == self._tail and array.ndim)
+    def _is_of_this_type(self, array: Any) -> bool:
+        """Whether an array has the numbers and the shape of this type, one behind the other."""
+        dtype, wanted, columns = array.dtype, _numpy_type(self.kind), self.columns
+        return bool(
+            (dtype is wanted or dtype == wanted)
+            and (array.shape[1:] == (len(columns),) if columns else array.ndim == 1)
+            and array.flags.c_contiguous
+        )
 
     def of_memory(self, data: Any, name: str) -> Any:
         """An array on the bytes of another object, which cannot be written to.
 
         Raises ValueError if they are not whole rows.
         """
-        size = memoryview(data).nbytes
-        if size % self.row_size:
+        try:
+            array = np.frombuffer(data, _numpy_type(self.kind))
+            if self.columns:
+                array = array.reshape(-1, len(self.columns))
+        except ValueError:
+            size = memoryview(data).nbytes
             raise ValueError(
                 f"{name} must be a multiple of {self.row_size} bytes, of {self.kind}, not {size}"
-            )
-        array = np.frombuffer(data, self.dtype).reshape(-1, *self._tail)
-        array.flags.writeable = False
+            ) from None
+        if data.__class__ is not bytes:
+            array.setflags(write=False)
         return array
 
-    def memory_of(self, array: Any) -> memoryview:
-        """The bytes of an array that this made, as they go over the bus."""
-        return memoryview(array).cast("B") if array.size else memoryview(b"")
+    def memory_of(self, array: Any) -> bytes | memoryview:
+        """The bytes of an array that this made, as they go over the bus: of a large one its memory,
+        of a small one a copy, which is made sooner.
+        """
+        return memoryview(array).cast("B") if array.nbytes >= _LARGE else array.tobytes()
 
     @property
     def _tail(self) -> tuple[int, ...]:
         return (len(self.columns),) if self.columns else ()
 
     def _of_this_type(self, given: Any, name: str) -> Any:
-        wanted = np.dtype(self.dtype)
+        wanted = _numpy_type(self.kind)
         if given.dtype == wanted:
             return given
         if wanted.kind == "f" and given.dtype.kind in "fiu":
@@ -116,6 +131,14 @@ _DTYPES = {
     "float32": "<f4",
     "float64": "<f8",
 }
+
+_SIZES = {kind: int(dtype[2:]) for kind, dtype in _DTYPES.items()}
+
+
+@cache
+def _numpy_type(kind: str) -> Any:
+    return np.dtype(_DTYPES[kind])
+
 
 _POSE = (*(f"position.{each}" for each in "xyz"), *(f"orientation.{each}" for each in "xyzw"))
 

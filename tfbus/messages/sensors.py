@@ -6,6 +6,7 @@ from math import inf
 from typing import Any, ClassVar
 
 from tfbus.base import lazy_numpy as np
+from tfbus.base.bounded import MadeOf
 from tfbus.base.lazy_numpy import ArrayLike, NDArray
 from tfbus.messages.fields import (
     Float32Array,
@@ -106,13 +107,16 @@ class PointCloud(WithArrays):
 
     def __post_init__(self) -> None:
         check_stamp("stamp_ns", self.stamp_ns)
-        for name in ("height", "width", "point_step", "row_step"):
-            check_unsigned(name, getattr(self, name))
+        check_unsigned("height", self.height)
+        check_unsigned("width", self.width)
+        check_unsigned("point_step", self.point_step)
+        check_unsigned("row_step", self.row_step)
         self._make_arrays()
         if len(self.fields) > _MOST_COLUMNS:
             raise ValueError(f"fields must be at most {_MOST_COLUMNS}, not {len(self.fields)}")
-        object.__setattr__(self, "fields", tuple(self.fields))
-        _layout(self.fields, self.is_bigendian, self.point_step)
+        if self.fields.__class__ is not tuple:
+            object.__setattr__(self, "fields", tuple(self.fields))
+        self._layout()
         if self.row_step < self.width * self.point_step:
             raise ValueError(
                 f"row_step must be at least width times point_step, "
@@ -164,20 +168,7 @@ class PointCloud(WithArrays):
                 f"shape {array.shape}"
             )
         array = np.ascontiguousarray(array)
-        fields, orders = [], set()
-        for name in names:
-            of_column, offset = array.dtype.fields[name][:2]  # type: ignore[index]
-            base = of_column.base
-            kind = f"{base.kind}{base.itemsize}"
-            if kind not in _DATATYPE_OF:
-                raise ValueError(
-                    f"column {name!r} must be {', '.join(_DATATYPES.values())}, not {base}"
-                )
-            count = int(np.prod(of_column.shape, dtype=int))
-            fields.append(PointField(name, int(offset), _DATATYPE_OF[kind], count))
-            orders.add(base.newbyteorder("=").str[0] == base.str[0] or base.itemsize == 1)
-        if orders != {True}:
-            raise ValueError("the numbers of all columns must have this machine's byte order")
+        fields = _columns(array.dtype)
         height, width = (1, len(array)) if array.ndim == 1 else array.shape
         step = array.dtype.itemsize
         is_dense = all(bool(np.isfinite(array[name]).all()) for name in names if name in "xyz")
@@ -189,7 +180,7 @@ class PointCloud(WithArrays):
             frame_id,
             height,
             width,
-            tuple(fields),
+            fields,
             is_bigendian,
             step,
             row_step,
@@ -205,12 +196,19 @@ class PointCloud(WithArrays):
         """The points as a structured array (height, width), or (N,) if it has one row: a view of
         `data`, which cannot be written to.
         """
-        layout = _layout(self.fields, self.is_bigendian, self.point_step)
+        layout = self._layout()
         shape = (self.height, self.width) if self.height != 1 else (self.width,)
         if not len(self):
             return np.empty(shape, layout)
         steps = (self.row_step, self.point_step)[-len(shape) :]
         return np.ndarray(shape, layout, self.data, 0, steps)
+
+    def _layout(self) -> Any:
+        how = self.is_bigendian, self.point_step
+        known = _layouts.get(self.fields, how)
+        if known is None:
+            known = _layouts.keep(_layout(self.fields, *how), self.fields, how)
+        return known
 
     def __getitem__(self, name: str) -> "NDArray[Any]":
         """A column (N,) by its name, or (N, count): a view of `data` where its rows have no gaps.
@@ -305,6 +303,28 @@ _EPOCH_S = 3e8
 
 
 @lru_cache(64)
+def _columns(dtype: Any) -> tuple[PointField, ...]:
+    """The columns of a structured array. Raises ValueError for one that a cloud cannot have."""
+    fields, orders = [], set()
+    for name in dtype.names:
+        of_column, offset = dtype.fields[name][:2]
+        base = of_column.base
+        kind = f"{base.kind}{base.itemsize}"
+        if kind not in _DATATYPE_OF:
+            raise ValueError(
+                f"column {name!r} must be {', '.join(_DATATYPES.values())}, not {base}"
+            )
+        count = int(np.prod(of_column.shape, dtype=int))
+        fields.append(PointField(name, int(offset), _DATATYPE_OF[kind], count))
+        orders.add(base.newbyteorder("=").str[0] == base.str[0] or base.itemsize == 1)
+    if orders != {True}:
+        raise ValueError("the numbers of all columns must have this machine's byte order")
+    return tuple(fields)
+
+
+_layouts: MadeOf[Any] = MadeOf(64)
+
+
 def _layout(fields: tuple[PointField, ...], is_bigendian: bool, point_step: int) -> Any:
     """The structured dtype of a point. Raises ValueError for two columns of one name, and for one
     that does not end within the point.

@@ -10,13 +10,14 @@ The fields are as in ROS, but for a `header`, which is `stamp_ns` and `frame_id`
 of fields are read as well. A payload is read only if it has at most a million values.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from functools import cache, lru_cache
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, lru_cache, partial
+from operator import attrgetter
 from typing import Any, NamedTuple, Protocol, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 
+from tfbus.base.bounded import MadeOf
 from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.structs import Struct, fields_of
 from tfbus.base.wording import printable
@@ -38,17 +39,56 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
     Raises BusError with the name of the field if a value cannot be sent, or if a text has a
     lone surrogate: UTF-8 cannot hold it.
     """
+    return _encoded(value if value.__class__ is dict else dict(value), _PLAIN)
+
+
+class _Packing:
+    """Packs values by msgpack; `convert(value)` makes known ones of those that it does not know.
+
+    Packers are used again: to make one takes as long as to pack a small message.
+    """
+
+    def __init__(self, convert: Callable[[Any], Any]) -> None:
+        self._convert = convert
+        # Those that no thread uses now; changed by single operations.
+        self._idle: list[Any] = []
+
+    def pack(self, values: Any) -> bytes:
+        """The bytes of a map, or of another value."""
+        try:
+            packer = self._idle.pop()
+        except IndexError:
+            packer = msgpack.Packer(default=self._convert)
+        payload: bytes = packer.pack(values)
+        if len(payload) <= _LARGE:  # it keeps as much memory as it needed
+            self._idle.append(packer)
+        return payload
+
+    def pack_large(self, values: dict[str, Any]) -> bytes:
+        """The same, of a map with memory that is large."""
+        packer = msgpack.Packer(default=self._convert)
+        parts: list[Any] = [packer.pack_map_header(len(values))]
+        for name, value in values.items():
+            parts.append(packer.pack(name))
+            if type(value) is memoryview:
+                parts += (b"\xc6" + value.nbytes.to_bytes(4, "big"), value)
+            else:
+                parts.append(packer.pack(value))
+        return b"".join(parts)
+
+
+def _encoded(values: dict[str, Any], packing: _Packing) -> bytes:
     try:
-        if memoryview in map(type, value.values()):
-            return _packed(value)
-        values = value if value.__class__ is dict else dict(value)
-        return cast(bytes, msgpack.packb(values, default=_of_numpy))
+        for value in values.values():
+            if value.__class__ is memoryview and value.nbytes >= _LARGE:
+                return packing.pack_large(values)
+        return packing.pack(values)
     except UnicodeEncodeError as error:
         text = printable(str(error.object), 60)
         raise BusError(f"could not send the text '{text}': it is not valid Unicode") from error
     except (TypeError, OverflowError) as error:
         raise BusError(
-            _why_unsendable(value, "") or f"could not send a message: {error}"
+            _why_unsendable(values, "") or f"could not send a message: {error}"
         ) from error
     except ValueError as error:  # it is in itself, or nested too deep
         raise BusError(f"could not send a message: {error}") from error
@@ -56,20 +96,6 @@ def encode_map(value: Mapping[str, Any]) -> bytes:
 
 # A binary of so many bytes is put into the message at once: msgpack copies it three times.
 _LARGE = 16 * 1024
-
-
-def _packed(values: Mapping[str, Any]) -> bytes:
-    if not any(type(each) is memoryview and each.nbytes >= _LARGE for each in values.values()):
-        return cast(bytes, msgpack.packb(dict(values), default=_of_numpy))
-    packer = msgpack.Packer(default=_of_numpy)
-    parts: list[Any] = [packer.pack_map_header(len(values))]
-    for name, value in values.items():
-        parts.append(packer.pack(name))
-        if type(value) is memoryview:
-            parts += (b"\xc6" + value.nbytes.to_bytes(4, "big"), value)
-        else:
-            parts.append(packer.pack(value))
-    return b"".join(parts)
 
 
 def _of_numpy(value: Any) -> Any:
@@ -91,8 +117,13 @@ def _of_numpy(value: Any) -> Any:
 _EXACT = {"b1", *(f"{kind}{size}" for kind in "iu" for size in (1, 2, 4, 8)), "f2", "f4", "f8"}
 
 
+_PLAIN = _Packing(_of_numpy)
+
+
 def _why_unsendable(value: Any, path: str) -> str:
     """A sentence about the first value that cannot be sent, and its field; "" for none."""
+    if _is_message(value.__class__):
+        value = as_map(value)
     if isinstance(value, Mapping):
         inside = ((f"{path}.{name}" if path else str(name), item) for name, item in value.items())
     elif isinstance(value, list | tuple):
@@ -122,7 +153,7 @@ def decode_map(data: bytes, *, in_place: bool = False) -> dict[str, Any]:
     Raises DecodeError if they are not one msgpack map, or hold more than a million values.
     """
     binaries: list[tuple[int, int, int]] | None = [] if in_place else None
-    if mistake := too_many_items(data, binaries=binaries):
+    if len(data) > HARMLESS_SIZE and (mistake := too_many_items(data, binaries=binaries)):
         raise DecodeError(mistake)
     try:
         value = _with_views(data, binaries) if binaries else unpacked(data)
@@ -158,7 +189,53 @@ def is_of_ros(data: bytes) -> bool:
 
 def encode_message(message: object) -> bytes:
     """The bytes of a message, an instance of a dataclass."""
-    return encode_map(_map_of(message, None, in_bytes=True))
+    if hasattr(message, "__bus_map__"):
+        return encode_map(message.__bus_map__())
+    shape = _shape(message.__class__)
+    layout = shape.is_as_in_ros
+    return _encoded(_sent_map(message, shape, layout), _PACKING[layout])
+
+
+def _sent_map(message: Any, shape: "_Shape", as_in_ros: bool) -> dict[str, Any]:
+    """The fields of a message for msgpack: arrays are their memory, and messages in it are left
+    for `_convert`.
+    """
+    values = dict(zip(shape.fields, shape.values_of(message)))  # noqa: B905  # slower if strict
+    for name in shape.rows:
+        rows = values[name]
+        values[name] = _maps_of_rows.get(rows) or _sent_rows(rows)
+    for name, array in shape.arrays:
+        values[name] = array.memory_of(values[name])
+    if not as_in_ros:
+        return values
+    if shape.times:
+        values = as_time(values, shape.times)
+    return with_header(values) if shape.has_header else values
+
+
+def _convert(as_in_ros: bool, value: Any) -> Any:
+    """A value that msgpack does not know, in a message of this layout, as values that it knows."""
+    if not _is_message(value.__class__):
+        return _of_numpy(value)
+    if hasattr(value, "__bus_map__"):
+        return value.__bus_map__()
+    return _sent_map(value, _shape(value.__class__), as_in_ros)
+
+
+# By whether the layout is ROS's.
+_PACKING = (_Packing(partial(_convert, False)), _Packing(partial(_convert, True)))
+
+
+def _sent_rows(rows: Any) -> Any:
+    """The maps of a tuple of messages of which most are sent again, as the columns of a cloud."""
+    if rows.__class__ is not tuple or not 0 < len(rows) <= _LONGEST_REMEMBERED:
+        return rows
+    if not all(_is_remembered(each.__class__) for each in rows):
+        return rows
+    maps = [_map_of(each, False) for each in rows]
+    if all(value.__class__ in _AS_THEY_ARE for each in maps for value in each.values()):
+        _maps_of_rows.keep(maps, rows)
+    return maps
 
 
 def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool = True) -> M:
@@ -217,7 +294,7 @@ class _ArrayOf(Protocol):
 
     def of_memory(self, data: Any, name: str) -> Any: ...
 
-    def memory_of(self, array: Any) -> memoryview: ...
+    def memory_of(self, array: Any) -> bytes | memoryview: ...
 
 
 def _is_array(hint: object) -> bool:
@@ -237,10 +314,14 @@ class _Shape(NamedTuple):
     """The fields of a dataclass, and their `former` names. A type that `is_as_in_ros` goes over the
     bus in ROS's layout; any with ROS's `has_header`, or `times` that ROS has, is read in it, too.
     With that, or with former names, it `has_other_names` to be read by. `has_arrays` says whether
-    it, or a message in it, has arrays.
+    it, or a message in it, has arrays. `values_of(message)` are the values of its fields, of which
+    `arrays` are arrays, and `rows` tuples of messages that are remembered.
     """
 
     fields: dict[str, _Field]
+    values_of: Callable[[Any], Iterable[Any]]
+    arrays: tuple[tuple[str, _ArrayOf], ...]
+    rows: tuple[str, ...]
     former: Mapping[str, str | tuple[str, ...]]
     has_header: bool
     is_as_in_ros: bool
@@ -259,6 +340,8 @@ def _is_message(type_: type) -> bool:
 _MOST_REMEMBERED = 256
 _LONGEST_REMEMBERED = 32
 _LARGEST_REMEMBERED = 2048
+
+_maps_of_rows: MadeOf[list[dict[str, Any]]] = MadeOf(_MOST_REMEMBERED)
 
 # Two of these that are equal are sent as the same bytes.
 _EXACT_FIELDS = {int, str, bytes}
@@ -295,7 +378,32 @@ def _shape(message_type: type) -> _Shape:
     is_as_in_ros = "/" in type_name(message_type)
     has_other_names = of_ros or bool(former) or bool(times)
     has_arrays = any(_has_arrays(hint, {message_type}) for hint in hints.values())
-    return _Shape(fields, former, of_ros, is_as_in_ros, has_other_names, times, has_arrays)
+    arrays = tuple((name, each.array) for name, each in fields.items() if each.array is not None)
+    rows = tuple(name for name in fields if _is_of_remembered(hints[name]))
+    return _Shape(
+        fields,
+        _getter(tuple(fields)),
+        arrays,
+        rows,
+        former,
+        of_ros,
+        is_as_in_ros,
+        has_other_names,
+        times,
+        has_arrays,
+    )
+
+
+def _getter(names: tuple[str, ...]) -> Callable[[Any], Iterable[Any]]:
+    if len(names) > 1:
+        return attrgetter(*names)
+    return lambda message: [getattr(message, name) for name in names]
+
+
+def _is_of_remembered(hint: Any) -> bool:
+    """Whether a field is a tuple of messages that may be shared."""
+    item = get_args(hint)[0] if get_origin(hint) is tuple else None
+    return isinstance(item, type) and _is_message(item) and _is_remembered(item)
 
 
 def _has_arrays(hint: Any, inside: set[type]) -> bool:
@@ -332,10 +440,8 @@ def _fields_of(message_type: type) -> dict[str, bool]:
     }
 
 
-def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dict[str, Any]:
-    """The fields of a message in ROS's layout or ours; None for the type's own. Arrays are
-    arrays, or `in_bytes` their memory.
-    """
+def _map_of(message: Any, as_in_ros: bool | None) -> dict[str, Any]:
+    """The fields of a message in ROS's layout or ours; None for the type's own."""
     if hasattr(message, "__bus_map__"):
         return cast(dict[str, Any], message.__bus_map__())
     shape = _shape(message.__class__)
@@ -344,44 +450,20 @@ def _map_of(message: Any, as_in_ros: bool | None, in_bytes: bool = False) -> dic
     values = {
         name: value
         if (value := getattr(message, name)).__class__ in _AS_THEY_ARE
-        else _plain(value, as_in_ros, in_bytes)
+        else _plain(value, as_in_ros)
         for name in shape.fields
     }
-    if in_bytes and shape.has_arrays:
-        for name, each in shape.fields.items():
-            if each.array is not None:
-                values[name] = each.array.memory_of(values[name])
     if as_in_ros and shape.times:
         values = as_time(values, shape.times)
     return with_header(values) if as_in_ros and shape.has_header else values
 
 
-def _plain(value: Any, as_in_ros: bool, in_bytes: bool) -> Any:
+def _plain(value: Any, as_in_ros: bool) -> Any:
     if isinstance(value, list | tuple):
-        is_short = 0 < len(value) <= _LONGEST_REMEMBERED
-        if in_bytes and is_short and _is_remembered(value[0].__class__):
-            with suppress(TypeError):  # something in it has no hash
-                return _maps_of(tuple(value), as_in_ros, _types_in(value))
         return [
-            item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros, in_bytes)
-            for item in value
+            item if item.__class__ in _AS_THEY_ARE else _plain(item, as_in_ros) for item in value
         ]
-    return _map_of(value, as_in_ros, in_bytes) if _is_message(value.__class__) else value
-
-
-def _types_in(messages: Sequence[Any]) -> tuple[type, ...]:
-    """The types of the values of messages: 1 and 1.0 and True are equal."""
-    return tuple(
-        getattr(each, name).__class__ for each in messages for name in _shape(each.__class__).fields
-    )
-
-
-@lru_cache(_MOST_REMEMBERED)
-def _maps_of(messages: tuple[Any, ...], as_in_ros: bool, types: tuple[type, ...]) -> list[Any]:
-    """The maps of messages of which most are sent again, as the columns of each cloud are; `types`
-    tells equal ones apart.
-    """
-    return [_plain(each, as_in_ros, in_bytes=False) for each in messages]
+    return _map_of(value, as_in_ros) if _is_message(value.__class__) else value
 
 
 def _under_todays_names(shape: _Shape, values: Mapping[Any, Any], path: str) -> Mapping[Any, Any]:
@@ -476,7 +558,7 @@ def _list_reader(expected: Any) -> Reader:
             return make(value)
         return make(read_item(item, f"{path}[{at}]") for at, item in enumerate(value))
 
-    if make is not tuple or not _is_message(item_type) or not _is_remembered(item_type):
+    if not _is_of_remembered(expected):
         return read
 
     @lru_cache(_MOST_REMEMBERED)
@@ -484,12 +566,13 @@ def _list_reader(expected: Any) -> Reader:
         return read(unpacked(packed), path)
 
     def read_again(value: object, path: str) -> Any:
-        if isinstance(value, list) and len(value) <= _LONGEST_REMEMBERED:
-            with suppress(TypeError, ValueError):  # it does not come from a payload
-                packed = cast(bytes, msgpack.packb(value))
-                if len(packed) <= _LARGEST_REMEMBERED:
-                    return read_once(packed, path)
-        return read(value, path)
+        if value.__class__ is not list or len(value) > _LONGEST_REMEMBERED:
+            return read(value, path)
+        try:
+            packed = _PLAIN.pack(value)
+        except (TypeError, ValueError):  # it does not come from a payload
+            return read(value, path)
+        return read_once(packed, path) if len(packed) <= _LARGEST_REMEMBERED else read(value, path)
 
     return read_again
 
@@ -547,7 +630,7 @@ def _array_reader(expected: _ArrayOf) -> Reader:
 
     def read(value: Any, path: str) -> Any:
         try:
-            if isinstance(value, bytes | memoryview):
+            if isinstance(value, (bytes, memoryview)):  # `|` would take longer
                 return expected.of_memory(value, path)
             if hasattr(value, "dtype"):
                 return expected.made(value, path)
@@ -615,20 +698,19 @@ MOST_ITEMS = 1_000_000
 HARMLESS_SIZE = 64 * 1024
 
 
-def unpacked(data: bytes, *, strict_map_key: bool = True) -> Any:
-    """The value in the bytes. Messages have no extensions: a time of msgpack's is taken as its
-    nanoseconds. Raises msgpack's errors, and ValueError for other extensions.
-    """
-    return msgpack.unpackb(
-        data, strict_map_key=strict_map_key, timestamp=_AS_NANOSECONDS, ext_hook=_refuse_extension
-    )
-
-
 _AS_NANOSECONDS = 2
 
 
 def _refuse_extension(code: int, data: bytes) -> object:
     raise ValueError(f"it has an extension of type {code}")
+
+
+# The value in the bytes. Messages have no extensions: a time of msgpack's is taken as its
+# nanoseconds. Raises msgpack's errors, and ValueError for other extensions. A keyword
+# `strict_map_key=False` takes maps with keys that are no texts.
+unpacked: Callable[..., Any] = partial(
+    msgpack.unpackb, timestamp=_AS_NANOSECONDS, ext_hook=_refuse_extension
+)
 
 
 # Stands for a binary that is left where it is, with its number.
@@ -765,26 +847,25 @@ def with_header(values: Mapping[str, Any]) -> dict[str, Any]:
         raise TypeError(f"frame_id must be a text, not {values['frame_id']!r:.60}")
     seconds, nanoseconds = divmod(stamp_ns, _SECOND_NS)
     stamp = {"sec": seconds, "nanosec": nanoseconds}
-    others = {name: value for name, value in values.items() if name not in OF_HEADER}
-    return {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **others}
+    made = {HEADER: {"stamp": stamp, "frame_id": values["frame_id"]}, **values}
+    del made["stamp_ns"], made["frame_id"]
+    return made
 
 
 def without_header(values: Mapping[str, Any]) -> dict[str, Any]:
     """The fields of a message of ROS as ours. Raises KeyError and TypeError if its header has
     other fields than ROS's own.
     """
-    header = values[HEADER]
+    others = dict(values)
+    header = others.pop(HEADER)
     stamp = header["stamp"]
     seconds, nanoseconds = stamp["sec"], stamp["nanosec"]
     # Before they are multiplied: a billion times a list would take all memory.
     if type(seconds) is not int or type(nanoseconds) is not int:
         raise TypeError("the stamp must be of integers")
-    stamp_ns = seconds * _SECOND_NS + nanoseconds
-    of_header = {"stamp_ns": stamp_ns, "frame_id": header["frame_id"]}
-    others = {
-        name: value for name, value in values.items() if name != HEADER and name not in OF_HEADER
-    }
-    return {**of_header, **others}
+    others["stamp_ns"] = seconds * _SECOND_NS + nanoseconds
+    others["frame_id"] = header["frame_id"]
+    return others
 
 
 def as_time(values: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:

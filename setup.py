@@ -29,7 +29,6 @@ KERNEL = (
     "tfbus.buffer.lock",
     "tfbus.buffer.store",
     "tfbus.buffer.lookup",
-    "tfbus.buffer.lookup_many",
     "tfbus.buffer.buffer",
 )
 

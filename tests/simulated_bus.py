@@ -11,7 +11,7 @@ from unittest.mock import patch
 
 from tests.buses import DEADLINE_S, eventually
 from tfbus import Node, NodeSettings
-from tfbus.bus.interfaces import Interface
+from tfbus.base.addresses import Interface
 from tfbus.testing.network import Network
 from tfbus.testing.processes import Process
 from tfbus.testing.programs import Program
@@ -131,7 +131,7 @@ def bare_host() -> Iterator[None]:
         patch("tfbus.doctor.examine.is_taken", lambda port: False),
         patch("tfbus.doctor.examine.joined_socket", none_joined),
         patch("tfbus.doctor.examine.RosWatch.look_at_router", lambda watch: None),
-        patch("tfbus.bus.interfaces.interface_of", interface),
+        patch("tfbus.base.addresses.interface_of", interface),
         patch("tfbus.doctor.examine.local_scouts", dict),
         patch("tfbus.base.installation.commit_of_clone", lambda: ""),
     ):

@@ -7,8 +7,9 @@ from typing import Any
 import pytest
 
 from tfbus import NodeSettings, SettingsError
-from tfbus.bus import interfaces, settings
-from tfbus.bus.interfaces import Interface
+from tfbus.base import addresses
+from tfbus.base.addresses import Interface
+from tfbus.bus import settings
 from tfbus.bus.settings import NETWORKS, network_of
 from tfbus.bus.zenoh_config import zenoh_config
 
@@ -137,7 +138,7 @@ def test_auto_is_the_network_of_the_interface(
         (device / name).mkdir() if text is None else (device / name).write_text(text)
     radio = Interface("radio0", True, True, False, address="127.0.0.1")
     monkeypatch.setattr(settings, "_DEVICES", str(tmp_path))
-    monkeypatch.setattr(interfaces, "interfaces", lambda: [radio])
+    monkeypatch.setattr(addresses, "interfaces", lambda: [radio])
     assert network_of("auto", ["tcp/127.0.0.1:7447"]).name == expected
 
 
@@ -155,7 +156,7 @@ def test_a_session_looks_once_for_its_network(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "[::1]", f"{'ä' * 64}.local"])
 def test_auto_resolves_no_name(monkeypatch: pytest.MonkeyPatch, host: str) -> None:
     """The network of a name is that of the default route: without one a LAN."""
-    monkeypatch.setattr(interfaces, "interfaces", list)
+    monkeypatch.setattr(addresses, "interfaces", list)
     assert network_of("auto", [f"tcp/{host}:7447"]).name == "lan"
 
 

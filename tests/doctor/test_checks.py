@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from tfbus import Buffer, NodeSettings, Transform, TransformStamped
+from tfbus.base.addresses import Interface
 from tfbus.bus.identity_folder import SecureFolder
-from tfbus.bus.interfaces import Interface
 from tfbus.bus.rights import Identity, Rights
 from tfbus.doctor.examination import CHECKS, Examination, ExaminedHost
 from tfbus.doctor.examine import is_stopped

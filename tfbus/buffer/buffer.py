@@ -24,8 +24,7 @@ from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.insert_many import Permit
-from tfbus.buffer.lookup import Lookup
-from tfbus.buffer.lookup_many import lookup_many
+from tfbus.buffer.lookup import Lookup, lookup_many
 from tfbus.buffer.store import ExpiredLookups, Store
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns

@@ -1,12 +1,17 @@
-"""A lookup: its answers now, or as soon as they come, or why there are none.
+"""Lookups: the answers now, or as soon as they come, or why there are none; and of many stamps,
+along one path if it is the same for all of them.
 
 Compiled if there is a C compiler (`lookup.pxd` has the C types).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Iterable
 from contextlib import suppress
+from typing import Any
 
+from tfbus.base import lazy_numpy as np
 from tfbus.base.clock import Bell, Limit, limit_by
 from tfbus.base.errors import (
     ConnectivityException,
@@ -19,6 +24,7 @@ from tfbus.base.errors import (
     TimeoutException,
     TransformException,
 )
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.buffer.explain import (
     Freshness,
     advice_after,
@@ -29,8 +35,19 @@ from tfbus.buffer.explain import (
     without_waiting,
 )
 from tfbus.buffer.store import Question, Store, Waiter
+from tfbus.geometry.batch_lookup import by_time, fill
+from tfbus.geometry.kernel import Path
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
+from tfbus.geometry.transform_array import TransformArray, make_array
+
+try:
+    import cython
+except ImportError:
+    from tfbus.base import cython_stub as cython
+
+# Of many stamps, those for which the lock is held at a time: some microseconds.
+_CHUNK = 256
 
 
 class Lookup:
@@ -252,3 +269,114 @@ def _past_of(reason: TransformException) -> str | None:
     if isinstance(reason, PastExtrapolationException | SingleSampleException | GapException):
         return reason.authority
     return None
+
+
+# Many stamps
+
+
+def lookup_many(
+    store: Store,
+    target_frame: str,
+    source_frame: str,
+    stamps: NDArray[np.int64],
+    sampling: Sampling,
+) -> tuple[TransformArray, NDArray[np.bool_]]:
+    """The transforms at N stamps, and which of them (N,) are known; the others are NaN.
+
+    Raises LookupException or ConnectivityException if none of them can be known.
+    """
+    if store.path(target_frame, source_frame) is None:
+        _check_connected(store, target_frame, source_frame, stamps)
+    xyz, quat_xyzw = np.empty((len(stamps), 3)), np.empty((len(stamps), 4))
+    known = np.empty(len(stamps), dtype=np.bool_)
+    if len(stamps):
+        _fill_chunks(
+            store,
+            target_frame,
+            source_frame,
+            stamps.data,
+            by_time(stamps).data,
+            xyz.reshape(-1).data,
+            quat_xyzw.reshape(-1).data,
+            known.view(np.uint8).data,
+            sampling,
+        )
+    return make_array(xyz, quat_xyzw), known
+
+
+def _fill_chunks(
+    store: Store,
+    target_frame: str,
+    source_frame: str,
+    stamps: Any,
+    rows: Any,
+    xyz: Any,
+    quat: Any,
+    known: Any,
+    sampling: Sampling,
+) -> None:
+    count = len(stamps)
+    strict = (
+        sampling.interpolation != "nearest"
+        and not sampling.extrapolation_s
+        and sampling.max_gap_s is None
+    )
+    screw = sampling.interpolation == "screw"
+    start = 0
+    while start < count:
+        path = store.path(target_frame, source_frame)
+        before = start
+        if strict and path is not None:
+            # Python's other threads run meanwhile.
+            with store.lock, cython.nogil:
+                start = _fill_along(store, path, stamps, rows, start, xyz, quat, known, screw)
+        if start == before:
+            stop = min(start + _CHUNK, count)
+            with store.lock:
+                for j in range(start, stop):
+                    i = rows[j] if len(rows) else j
+                    answer = store.tree.answer(target_frame, source_frame, stamps[i], sampling)
+                    _write_row(answer, i, xyz, quat, known)
+            start = stop
+
+
+def _fill_along(
+    store: Store,
+    path: Path,
+    stamps: Any,
+    rows: Any,
+    start: int,
+    xyz: Any,
+    quat: Any,
+    known: Any,
+    screw: bool,
+) -> int:
+    """With the lock held: fill the rows from `start` on while the path is one for all times; the
+    row it got to.
+    """
+    count = len(stamps)
+    while start < count and path.topology == store.tree.topology and not path.is_mixed():
+        stop = min(start + _CHUNK, count)
+        fill(path, stamps, rows, start, stop, xyz, quat, known, screw)
+        start = stop
+        store.lock.let_others()
+    return start
+
+
+def _check_connected(
+    store: Store, target_frame: str, source_frame: str, stamps: NDArray[np.int64]
+) -> None:
+    """Raise if no path joins the frames, neither now nor at one of the stamps."""
+    for stamp in stamps.tolist():
+        if Lookup(store, ((target_frame, source_frame, stamp),)).answers() is not None:
+            return
+    raise Lookup(store, ((target_frame, source_frame, None),)).error()
+
+
+def _write_row(answer: TransformStamped | None, i: int, xyz: Any, quat: Any, known: Any) -> None:
+    known[i] = answer is not None
+    pose = (math.nan,) * 7 if answer is None else answer.transform.as_pose()
+    for k in range(3):
+        xyz[3 * i + k] = pose[k]
+    for k in range(4):
+        quat[4 * i + k] = pose[3 + k]

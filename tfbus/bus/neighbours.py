@@ -21,11 +21,10 @@ from typing import Any
 import zenoh
 
 from tfbus.base import scheduler
-from tfbus.base.addresses import is_local
+from tfbus.base.addresses import NetworkWatch, is_local
 from tfbus.base.wording import listed
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
-from tfbus.bus.interfaces import NetworkWatch
 from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start

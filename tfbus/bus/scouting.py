@@ -13,10 +13,9 @@ from typing import NamedTuple
 import zenoh
 
 from tfbus.base import scheduler
-from tfbus.base.addresses import is_local
+from tfbus.base.addresses import Interface, is_local, scouted
 from tfbus.base.bounded import Bounded
 from tfbus.base.structs import Struct
-from tfbus.bus.interfaces import Interface, scouted
 from tfbus.bus.links import Links, host_of, split_endpoint
 from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
 

@@ -147,7 +147,7 @@ def _interface_to(endpoint: str) -> str:
     """The interface that leads to an endpoint, by its address of IPv4; for a name, which may take
     long to resolve, and IPv6 that of the default route. "" if it is not known.
     """
-    from tfbus.bus.interfaces import interfaces  # few processes need these
+    from tfbus.base.addresses import interfaces  # few processes need these
     from tfbus.bus.links import split_endpoint
 
     _, host, port = split_endpoint(endpoint)

@@ -4,15 +4,14 @@ import json
 import os
 import re
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zenoh
 
-from tfbus.base.addresses import is_local
+from tfbus.base.addresses import is_local, scouted
 from tfbus.base.errors import SettingsError
-from tfbus.base.limited_process import lockable_bytes
-from tfbus.bus.interfaces import scouted
 from tfbus.bus.links import split_endpoint
 from tfbus.bus.scouting import Scouting
 from tfbus.bus.settings import PROTOCOLS, Network, NodeSettings, network_of
@@ -162,6 +161,26 @@ def end_shared_memory(config: zenoh.Config) -> str:
         f"others without a word: let it lock {size_text(_LOCKED_AT_LEAST)} (ulimit -l, "
         "LimitMEMLOCK of systemd)"
     )
+
+
+# From Linux's <linux/capability.h>.
+_MAY_LOCK_ALL = 1 << 14
+
+
+def lockable_bytes() -> int:
+    """How much memory this process may lock, 2^63 without a limit."""
+    unlimited: int = 2**63
+    try:
+        import resource
+    except ImportError:  # Windows
+        return unlimited
+    with suppress(OSError, StopIteration, ValueError):  # not Linux
+        lines = Path("/proc/self/status").read_text().splitlines()
+        capabilities = next(line for line in lines if line.startswith("CapEff:"))
+        if int(capabilities.split()[1], 16) & _MAY_LOCK_ALL:
+            return unlimited
+    soft = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    return unlimited if soft == resource.RLIM_INFINITY else soft
 
 
 def _retry(network: Network) -> dict[str, int]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from tfbus.bus.interfaces import Interface
+from tfbus.base.addresses import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.meter import SpanMeter, measure

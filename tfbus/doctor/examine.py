@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from tfbus.base import scheduler
+from tfbus.base.addresses import interfaces
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import BusError, DecodeError, SettingsError
 from tfbus.base.installation import version_and_origin, why_interpreted
 from tfbus.buffer.buffer import COMPILED, Buffer
-from tfbus.bus.interfaces import interfaces
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.neighbours import scout
 from tfbus.bus.presence import Described, bus_out_of_reach

@@ -7,9 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
 from struct import iter_unpack, unpack_from
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.geometry import packed
 from tfbus.geometry.batch import TransformBatch, batch_of_checked
 from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
@@ -20,12 +22,6 @@ from tfbus.geometry.transform import (
     child_name,
     stamped_list,
 )
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-else:
-    from tfbus.base import lazy_numpy as np
 
 
 class Columns:

@@ -15,16 +15,11 @@ from __future__ import annotations
 import math
 from array import array
 from collections.abc import MutableSequence, Sequence
-from typing import TYPE_CHECKING
 
+from tfbus.base import lazy_numpy as np
 from tfbus.geometry import packed
 from tfbus.geometry.packed import POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.sampling import Held, Sampling
-
-if TYPE_CHECKING:
-    import numpy as np
-else:
-    from tfbus.base import lazy_numpy as np
 
 try:
     import cython

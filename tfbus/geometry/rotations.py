@@ -7,20 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, cos, hypot, pi, sin, sqrt
-from typing import TYPE_CHECKING
+from typing import TypeAlias
 
+from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import NDArray
 from tfbus.geometry.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
-    Angles = tuple[Floats, Floats, Floats]
-else:
-    from tfbus.base import lazy_numpy as np
-
+Floats: TypeAlias = "NDArray[np.float64]"
+Angles: TypeAlias = "tuple[Floats, Floats, Floats]"
 Triple = tuple[float, float, float]
 
 # Two components of a quaternion that together are below this are rounding: gimbal lock.

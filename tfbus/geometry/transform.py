@@ -12,10 +12,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from math import atan2, hypot, isfinite, pi, radians
 from operator import index
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, TypeAlias, overload
 
+from tfbus.base import lazy_numpy as np
 from tfbus.base.arguments import SourceSignature, called_as
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
 from tfbus.base.names import mistake_in
 from tfbus.base.stamps import LATEST_STAMP_NS
 from tfbus.geometry.kernel import (
@@ -41,20 +43,14 @@ from tfbus.geometry.rotations import (
     unit_quaternion,
 )
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    Floats = NDArray[np.float64]
-    # The points of `T @ points`.
-    Points = NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]
-else:
-    from tfbus.base import lazy_numpy as np
-
 try:
     import cython
 except ImportError:
     from tfbus.base import cython_stub as cython
+
+Floats: TypeAlias = "NDArray[np.float64]"
+# The points of `T @ points`.
+Points: TypeAlias = "NDArray[Any] | Sequence[float] | Sequence[Sequence[float]]"
 
 # The tolerance of a homogeneous matrix's last row, 0 0 0 1.
 LAST_ROW_WITHIN = 1e-9

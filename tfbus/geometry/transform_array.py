@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from operator import index
-from typing import TYPE_CHECKING, Any, ClassVar, overload
+from typing import Any, ClassVar, TypeAlias, overload
 
+from tfbus.base import lazy_numpy as np
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.lazy_numpy import ArrayLike, NDArray
 from tfbus.geometry.kernel import QUATERNION_TOLERANCE, UNIT_TO_THE_LAST_BIT
 from tfbus.geometry.rotations import (
     angles_of_rows,
@@ -20,6 +22,7 @@ from tfbus.geometry.rotations import (
 from tfbus.geometry.transform import (
     LAST_ROW_WITHIN,
     POINTS_COME_SECOND,
+    Points,
     Transform,
     as_floats,
     as_number,
@@ -30,17 +33,9 @@ from tfbus.geometry.transform import (
     take,
 )
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import ArrayLike, NDArray
-
-    from tfbus.geometry.transform import Points
-
-    Floats = NDArray[np.float64]
-    # A choice of rows: a slice, a mask (N,), or indices.
-    Rows = slice | NDArray[np.bool_] | NDArray[np.intp] | Sequence[bool] | Sequence[int]
-else:
-    from tfbus.base import lazy_numpy as np
+Floats: TypeAlias = "NDArray[np.float64]"
+# A choice of rows: a slice, a mask (N,), or indices.
+Rows: TypeAlias = "slice | NDArray[np.bool_] | NDArray[np.intp] | Sequence[bool] | Sequence[int]"
 
 # Below this angle quotients of sines lose digits, and the first terms of their series do not.
 _SMALL_ANGLE = 1e-3

@@ -1,5 +1,6 @@
 """Subscriptions whose messages come with the transform into a frame, when that is known."""
 
+import inspect
 import logging
 import math
 from collections import Counter, deque
@@ -23,6 +24,7 @@ from tfbus.base.names import mistake_in
 from tfbus.base.signals import StopSignals
 from tfbus.base.wording import counted
 from tfbus.buffer.buffer import Buffer
+from tfbus.buffer.messages import stamps_in
 from tfbus.buffer.pending import PendingLookup
 from tfbus.bus.session import Session
 from tfbus.geometry.transform import check_frame_id
@@ -211,8 +213,6 @@ class FramedSubscription(Subscription[M]):
 
     def _until_ns(self, message: Any) -> int | None:
         """The latest time at which its transform is needed; None for a stamp of 0: any."""
-        from tfbus.buffer.messages import stamps_in  # numpy, which not every node needs
-
         stamps = stamps_in(message)
         last_ns = message.stamp_ns if stamps is None or not len(stamps) else int(stamps.max())
         return last_ns + round(self.into.tolerance_s * 1e9) if message.stamp_ns else None
@@ -286,8 +286,6 @@ class FramedSubscription(Subscription[M]):
     # In the callback's thread
 
     def _with_transform(self, callback: Callable[[M, Any], Any]) -> Callable[[M], Any]:
-        import inspect  # slow, and other subscriptions do without
-
         with suppress(ValueError):  # some of C say nothing of their arguments
             try:
                 inspect.signature(callback).bind(None, None)
@@ -311,8 +309,6 @@ class FramedSubscription(Subscription[M]):
 
     def _item(self, message: Any) -> Any:
         """The message and its transform; None if that is not known any longer."""
-        from tfbus.buffer.messages import stamps_in
-
         buffer, target = self.into.buffer, self.into.frame
         stamps = stamps_in(message)
         try:

@@ -34,8 +34,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import zenoh
 
 from tfbus.testing import primitives
-from tfbus.testing.bound_names import Replaced, rebind
-from tfbus.testing.module_locks import locks_of_modules
+from tfbus.testing.bound_names import Replaced, locks_of_modules, rebind
 from tfbus.testing.tasks import SimulationError, Task, Tasks
 
 if TYPE_CHECKING:

@@ -149,7 +149,10 @@ def test_a_listener_says_the_order_of_its_arguments(node: Node) -> None:
 
 @pytest.mark.parametrize(
     ("given", "says"),
-    [({"history_s": "5"}, "history_s must be a number"), ({"fleet": True}, "must be a tfbus.Fleet")],
+    [
+        ({"history_s": "5"}, "history_s must be a number"),
+        ({"fleet": True}, "must be a tfbus.Fleet"),
+    ],
 )
 def test_a_wrong_argument_of_a_listener_is_named(
     node: Node, given: dict[str, Any], says: str

@@ -211,8 +211,8 @@ def test_a_frame_that_was_taken_out_leaves_nothing(split: bool) -> None:
         sender.remove(name)
         sent.later.clear()
 
-    # Python keeps up to 2,000 tuples of a length for the next ones, and a table may grow by the way:
-    # a leak is there in each round.
+    # Python keeps up to 2,000 tuples of a length for the next ones, and a table grows at times: a
+    # leak is there in each round.
     grown_by, rounds = [], 4
     tracemalloc.start()
     for begin in range(0, rounds * 1000, 1000):

@@ -33,8 +33,8 @@ class Bounded(OrderedDict[K, V]):
 
 
 class MadeOf(Generic[V]):
-    """What was made of objects that cannot change, by their identity: to compare them, or to hash
-    them, may take longer than to make it again. Safe from any thread.
+    """Results by the identity of the immutable objects that they were made of, whose comparison or
+    hash may take longer than the result. Safe from any thread.
 
     It keeps the objects, so that no other has the identity of one; beyond `most` all are let go.
     """
@@ -44,12 +44,12 @@ class MadeOf(Generic[V]):
         self._made: dict[tuple[int, object], tuple[object, V]] = {}
 
     def get(self, given: object, how: object = None) -> V | None:
-        """What was made of an object, in a way that has a hash; None if it is not known."""
+        """The result for an object, made in a way that has a hash; None if it is not known."""
         entry = self._made.get((id(given), how))
         return None if entry is None else entry[1]
 
     def keep(self, made: V, given: object, how: object = None) -> V:
-        """Remember what was made of an object; the same."""
+        """Remember the result for an object, and return it."""
         if len(self._made) >= self._most:
             self._made.clear()
         self._made[id(given), how] = given, made

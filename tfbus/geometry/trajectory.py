@@ -428,9 +428,9 @@ def read_echo(path: FilePath) -> Trajectory:
 
 def _trajectories(path: FilePath, rows: Iterable[_Row]) -> list[Trajectory]:
     found: _Rows = {}
-    for pair, stamp_ns, pose in rows:
+    for pair, at_ns, pose in rows:
         stamps, poses = found.setdefault(pair, ([], []))
-        stamps.append(stamp_ns)
+        stamps.append(at_ns)
         poses.append(pose)
     trajectories = []
     for (frame_id, child_frame_id), (stamps, poses) in found.items():

@@ -213,7 +213,7 @@ class ClockOffsets:
         asked_ns, asked_at_ns = scheduler.time_ns(), scheduler.monotonic_ns()
 
         def on_answer(answer: Answer) -> None:
-            # Here, since the waiting thread may wake up later; by a clock that nobody sets meanwhile.
+            # Here, since the waiting thread may wake up late; by a clock that nobody sets.
             back_ns = asked_ns + scheduler.monotonic_ns() - asked_at_ns
             with suppress(DecodeError):
                 if sample := _sample(asked_ns, answer, back_ns):

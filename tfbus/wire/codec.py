@@ -187,7 +187,7 @@ def is_of_ros(data: bytes) -> bool:
     return len(data) >= _CDR_HEADER_SIZE and data[0] == 0 and data[1] <= _LAST_CDR
 
 
-def encode_message(message: object) -> bytes:
+def encode_message(message: Any) -> bytes:
     """The bytes of a message, an instance of a dataclass."""
     if hasattr(message, "__bus_map__"):
         return encode_map(message.__bus_map__())
@@ -911,7 +911,9 @@ def renewed(
         path = former.get(name, name)
         if isinstance(path, str):
             _put(made, path, value)
-        elif isinstance(path, tuple) and isinstance(value, list | tuple) and len(value) == len(path):
+        elif (
+            isinstance(path, tuple) and isinstance(value, list | tuple) and len(value) == len(path)
+        ):
             for each, item in zip(path, value, strict=True):
                 _put(made, each, item)
         else:

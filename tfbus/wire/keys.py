@@ -256,8 +256,8 @@ def check_namespace(namespace: str) -> str:
         )
     if not {TRANSFORMS, STATIC_TRANSFORMS}.isdisjoint(path.split("/")):
         raise InvalidNameError(
-            f"'{printable(namespace, 60)}' cannot be a namespace: 'tf' and 'tf_static' are the keys "
-            "of transforms"
+            f"'{printable(namespace, 60)}' cannot be a namespace: 'tf' and 'tf_static' are the "
+            "keys of transforms"
         )
     return path
 

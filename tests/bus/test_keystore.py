@@ -203,15 +203,15 @@ def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, r
 @pytest.mark.parametrize(
     ("arguments", "code", "message"),
     [
-        (("add", "arm", "--role", "reader"), 1, "there is an identity 'arm' already"),
-        (("add", "authority", "--role", "reader"), 1, "'authority'"),
+        (("add", "arm", "--role", "reader"), 2, "there is an identity 'arm' already"),
+        (("add", "authority", "--role", "reader"), 2, "'authority'"),
         (("add", "a b", "--role", "reader"), 1, "cannot be a node's name"),
         (("add", "leg"), 2, "Missing option '--role'"),
         (("add", "leg", "--role", "boss"), 2, "'boss' is not one of"),
-        (("add", "leg", "--role", "reader", "--frames", "a**"), 1, "whole parts"),
-        (("renew", "leg"), 1, "there is no identity 'leg'"),
-        (("revoke", "amr"), 1, "did you mean 'arm'"),
-        (("export", "leg"), 1, "there is no identity 'leg'"),
+        (("add", "leg", "--role", "reader", "--frames", "a**"), 2, "whole parts"),
+        (("renew", "leg"), 2, "there is no identity 'leg'"),
+        (("revoke", "amr"), 2, "did you mean 'arm'"),
+        (("export", "leg"), 2, "there is no identity 'leg'"),
     ],
 )
 def test_a_mistake_is_one_sentence(

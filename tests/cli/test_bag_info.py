@@ -8,7 +8,6 @@ from click.testing import CliRunner, Result
 
 from tests.builders import S, at, in_recording
 from tfbus.cli import main
-from tfbus.cli.bag.info import command
 from tfbus.messages import PointStamped, PoseStamped
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
@@ -50,7 +49,7 @@ def bag(tmp_path: Path) -> Path:
 def info(*arguments: object) -> Result:
     """What the command prints."""
     words = [str(each) for each in arguments]
-    return CliRunner().invoke(command, words, env={"TZ": "UTC", "COLUMNS": "80"})
+    return CliRunner().invoke(main, ["bag", "info", *words], env={"TZ": "UTC", "COLUMNS": "80"})
 
 
 def row(text: str, name: str) -> list[str]:

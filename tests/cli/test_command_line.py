@@ -414,14 +414,14 @@ class TestCommands:
         assert run(bus, *arguments)[0] == 2
 
     @pytest.mark.parametrize("command", [["node", "list"], ["param", "list"], ["router"]])
-    def test_a_bus_that_cannot_be_joined_ends_with_1(
+    def test_settings_that_no_bus_can_be_joined_with_end_with_2(
         self, tmp_path: Path, command: list[str]
     ) -> None:
-        """An invalid configuration is an error with its place, and exit code 1."""
+        """An invalid configuration is an error with its place, and exit code 2."""
         config = tmp_path / "zenoh.json5"
         config.write_text("{mode: }")
         done = CliRunner().invoke(main, [*command, "--config", str(config)])
-        assert (done.exit_code, done.stdout) == (1, "")
+        assert (done.exit_code, done.stdout) == (2, "")
         assert done.stderr.startswith(f"Error: {config} ") and "JSON5: 1:8, " in done.stderr
         assert done.stderr.count("\n") == 1
 

@@ -300,9 +300,9 @@ def test_sliders_in_a_terminal(bus: live_bus.Bus, path: Path, tmp_path: Path) ->
         (["PATH", "--set", "elbo=1"], 2, "no free joint 'elbo'; did you mean 'elbow'?"),
         (["PATH", "--set", "elbow"], 2, "is not of the form JOINT=POSITION"),
         (["PATH", "--set", "elbow=x"], 2, "the position of 'elbow': 'x' is not a number"),
-        (["none.urdf"], 1, "cannot read none.urdf: No such file"),
-        (["PATH", "--csv", "none.csv"], 1, "cannot read none.csv: No such file"),
-        (["PATH", "--bag", "none.mcap"], 1, "cannot read none.mcap: No such file"),
+        (["none.urdf"], 2, "File 'none.urdf' does not exist"),
+        (["PATH", "--csv", "none.csv"], 2, "File 'none.csv' does not exist"),
+        (["PATH", "--bag", "none.mcap"], 2, "Path 'none.mcap' does not exist"),
     ],
 )
 def test_a_mistake_is_one_sentence(

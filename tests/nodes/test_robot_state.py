@@ -326,7 +326,7 @@ def test_robots_in_namespaces_are_apart(bus: Bus, path: Path) -> None:
     ("arguments", "code", "said"),
     [
         ([], 2, "name the file of the robot: tfbus robot_state arm.urdf"),
-        (["none.urdf"], 1, "cannot read none.urdf: No such file"),
+        (["none.urdf"], 2, "File 'none.urdf' does not exist"),
         (["PATH", "x"], 2, "'x' is not of the form name:=value"),
         (["PATH", "a:=1"], 1, "takes no arguments"),
         (["PATH", "--prefix", "/"], 1, "link 'base' with the prefix '/'"),

@@ -117,7 +117,7 @@ def test_other_rows_are_not_the_form_of_ros(words: str) -> None:
         (["world", "camera", "--roll", "1", "--qw", "1"], "--qw: cannot be combined with roll"),
         (["world", "camera", "--x", "nan"], "'--x': must be finite, not nan"),
         (["world", "camera", "--qx", "1"], "divided by its norm it is qx 0.707106781"),
-        (["world", "camera", "--file", "edges.yaml"], "--file cannot be combined with frames"),
+        (["world", "camera", "--file", __file__], "--file cannot be combined with frames"),
     ],
 )
 def test_mistakes_on_the_command_line_are_errors(arguments: list[str], complaint: str) -> None:

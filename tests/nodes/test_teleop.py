@@ -358,8 +358,8 @@ def test_a_terminal_that_has_gone_raises() -> None:
 
 @pytest.mark.real
 def test_without_a_terminal_it_says_so(bus: Bus) -> None:
-    """With standard input redirected it ends with exit code 1 and one sentence."""
+    """With standard input redirected it ends with exit code 2 and one sentence."""
     done = bus.run("teleop", stdin="q")
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stdout == ""
     assert re.fullmatch(r"Error: standard input .* terminal: .*\n", done.stderr)

@@ -235,8 +235,10 @@ def click_error(error: TfbusError) -> click.ClickException:
     """The error of a command: exit code 2 if it was called wrongly, with a setting that is invalid,
     a file that is not there, or without its terminal; 1 if it failed.
     """
-    is_mistake = isinstance(error, (SettingsError, MissingFileError))
-    return (click.UsageError if is_mistake else click.ClickException)(str(error))
+    shown = click.ClickException(str(error))  # one sentence: the command line is complete
+    if isinstance(error, (SettingsError, MissingFileError)):
+        shown.exit_code = click.UsageError.exit_code
+    return shown
 
 
 def bus_options(name: str) -> Callable[[F], F]:

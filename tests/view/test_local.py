@@ -35,8 +35,10 @@ def buffer() -> Buffer:
 
 
 @pytest.fixture
-def served(real: None, buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
-    """The pages that `show` makes."""
+def served(
+    real: None, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest
+) -> list[Any]:
+    """The pages that `show` makes; in a test with steps of its own they make none."""
     pytest.importorskip("viser", reason="needs viser: the extra view")
     from tfbus.view import local, page
 
@@ -46,6 +48,10 @@ def served(real: None, buffer: Buffer, monkeypatch: pytest.MonkeyPatch) -> list[
         def __init__(self, *given: Any, **more: Any) -> None:
             super().__init__(*given, **more)
             made.append(self)
+
+        def run(self) -> None:
+            if "step" not in request.fixturenames:
+                super().run()
 
     monkeypatch.setattr(local, "Page", Noted)
     return made

@@ -235,10 +235,14 @@ def click_error(error: TfbusError) -> click.ClickException:
     """The error of a command: exit code 2 if it was called wrongly, with a setting that is invalid,
     a file that is not there, or without its terminal; 1 if it failed.
     """
-    shown = click.ClickException(str(error))  # one sentence: the command line is complete
-    if isinstance(error, (SettingsError, MissingFileError)):
-        shown.exit_code = click.UsageError.exit_code
-    return shown
+    is_mistake = isinstance(error, (SettingsError, MissingFileError))
+    return (_Mistake if is_mistake else click.ClickException)(str(error))
+
+
+class _Mistake(click.ClickException):
+    """A usage error in one sentence: the command line itself is complete."""
+
+    exit_code = click.UsageError.exit_code
 
 
 def bus_options(name: str) -> Callable[[F], F]:

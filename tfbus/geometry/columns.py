@@ -213,6 +213,8 @@ class FoundOfRows:
         """
         if columns.count == 0 or columns.count > self._most:
             return
+        if len(columns.frames) > 2 * columns.count:
+            return
         last_child = columns.last_child()
         former = self._kinds.pop(last_child, None)
         if former is not None:

@@ -17,6 +17,7 @@ from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     GapException,
+    InvalidArgumentException,
     LookupException,
     PastExtrapolationException,
     SingleSampleException,
@@ -66,7 +67,7 @@ class Lookup:
     ) -> None:
         self._store = store
         self._questions = questions
-        self._sampling = store.sampling if sampling is None else sampling
+        self._sampling = store.sampling if sampling is None else check_sampling(sampling)
         self._fresh = fresh
 
     def answers(self) -> list[TransformStamped] | None:
@@ -262,6 +263,15 @@ class Lookup:
         first, last = self._questions[0], self._questions[-1]
         names = [("target_frame", last[0]), ("source_frame", first[1])]
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
+
+
+def check_sampling(sampling: object) -> Sampling:
+    """The sampling. Raises InvalidArgumentException for a value of another type."""
+    if not isinstance(sampling, Sampling):
+        raise InvalidArgumentException(
+            f"sampling: expected a tfbus.Sampling, got a {type(sampling).__name__}"
+        )
+    return sampling
 
 
 def _past_of(reason: TransformException) -> str | None:

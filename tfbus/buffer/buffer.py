@@ -784,6 +784,9 @@ class Buffer:
             path = self._store.tree.path(reference_frame, frame)
             dynamic = [] if path is None else [h for h in path.edges() if not h.static]
             spans = [history.stamp_span() for history in dynamic]
+        if path is None or not all(spans):  # it is forgotten since it was looked up
+            error = Lookup(self._store, ((reference_frame, frame, None),)).error()
+            raise without_timeout(error)
         if not dynamic:
             still = np.zeros(3)
             stamp = now.stamp_ns

@@ -377,7 +377,9 @@ def _check_connected(
     store: Store, target_frame: str, source_frame: str, stamps: NDArray[np.int64]
 ) -> None:
     """Raise if no path joins the frames, neither now nor at one of the stamps."""
-    for stamp in stamps.tolist():
+    with store.lock:
+        are_known = target_frame in store.tree.frames and source_frame in store.tree.frames
+    for stamp in stamps.tolist() if are_known else ():
         if Lookup(store, ((target_frame, source_frame, stamp),)).answers() is not None:
             return
     raise Lookup(store, ((target_frame, source_frame, None),)).error()

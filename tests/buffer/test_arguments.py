@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+from decimal import Decimal
 from enum import StrEnum
 from typing import Any
 
@@ -184,8 +185,23 @@ def test_a_sampling_is_a_sampling(wrong: Any):
     """Its name is not enough."""
     with pytest.raises(InvalidArgumentException, match=r"expected a tfbus\.Sampling"):
         Buffer(sampling=wrong)
-    with pytest.raises(InvalidArgumentException, match=r"expected a tfbus\.Sampling"):
-        filled().lookup_transform("world", "robot", sampling=wrong)
+    buffer = filled()
+    for call in (
+        lambda: buffer.lookup_transform("world", "robot", sampling=wrong),
+        lambda: buffer.can_transform("world", "robot", sampling=wrong),
+        lambda: buffer.lookup_transform_full("world", 0, "robot", 0, "world", sampling=wrong),
+        lambda: buffer.lookup_transforms("world", "robot", [0], sampling=wrong),
+        lambda: buffer.lookup_known_transforms("world", "robot", [0], sampling=wrong),
+    ):
+        with pytest.raises(InvalidArgumentException, match=r"expected a tfbus\.Sampling"):
+            call()
+
+
+def test_the_seconds_of_a_sampling_are_any_number():
+    """As one that is read from a file without rounding."""
+    tenth = Sampling(extrapolation_s=Decimal("0.1"))  # type: ignore[arg-type]
+    assert filled().can_transform("world", "robot", sampling=tenth)
+    assert tenth == Sampling(extrapolation_s=0.1)
 
 
 def test_a_clock_is_callable():

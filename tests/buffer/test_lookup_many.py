@@ -1,6 +1,7 @@
 """Many stamps in one call, and velocities."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ from tfbus.base.errors import (
     FutureExtrapolationException,
     InvalidArgumentException,
     LookupException,
+    NoDataException,
+    TransformException,
 )
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
@@ -224,6 +227,25 @@ def screw(twist: tuple[float, ...], start: Transform, rate_hz: int = 50) -> Buff
         pose = start @ Transform.exp(np.array(twist) * i / rate_hz)
         buffer.set_transform(TransformStamped(i * S // rate_hz, "world", "robot", pose))
     return buffer
+
+
+@pytest.mark.parametrize(
+    ("forget", "error"),
+    [
+        (lambda buffer: buffer.clear(), NoDataException),
+        (lambda buffer: buffer.remove("robot"), LookupException),
+    ],
+)
+def test_a_frame_that_is_forgotten_meanwhile_has_no_twist(
+    forget: Any, error: type[TransformException]
+):
+    """As another thread may clear the buffer: it does not stand still."""
+    buffer = screw((1.0, 0, 0, 0, 0, 0.5), Transform())
+    # Called between the two lookups that a twist begins with.
+    end = buffer.watch_questions(lambda target, source: target == source and forget(buffer))
+    with pytest.raises(error):
+        buffer.lookup_twist("robot", "world", S // 2)
+    end()
 
 
 def test_the_twist_on_a_circle():

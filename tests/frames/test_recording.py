@@ -6,6 +6,7 @@ import os
 import threading
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -238,6 +239,21 @@ def test_a_recording_of_static_transforms(tmp_path: Path) -> None:
     assert bag.lookup_transform("a", "b", 5).transform.xyz[0] == 1
     assert bag.can_transform("a", "b") and not bag.can_transform("a", "c")
     assert bag.latest_common_time("a", "b") is None
+
+
+def test_arguments_that_no_lookup_takes_are_no_unknown_transforms(tmp_path: Path) -> None:
+    """They are named, and so is a recording that is closed."""
+    path = written(tmp_path / "a.mcap", [in_recording(T0, [moved(T0, "a", "b", 1)])])
+    bag = tfbus.Recording(path)
+    sampling: Any = "nearest"
+    with pytest.raises(tfbus.InvalidArgumentException, match="sampling: expected"):
+        bag.lookup_known_transforms("a", "b", [T0], sampling=sampling)
+    stamp: Any = 1.5
+    with pytest.raises(tfbus.InvalidArgumentException, match="a stamp must be an integer"):
+        bag.can_transform("a", "b", stamp)
+    bag.close()
+    with pytest.raises(tfbus.InvalidArgumentException, match="is closed"):
+        bag.can_transform("a", "b", T0)
 
 
 def test_an_empty_recording(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from tests.builders import at
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
@@ -30,6 +31,22 @@ def test_columns_that_do_not_agree_are_refused():
     ):
         with pytest.raises(InvalidArgumentException):
             TransformBatch(*bad)
+
+
+def test_a_text_is_no_list_of_names_and_one_stamp_no_column() -> None:
+    """Its letters would be frames."""
+    edges, poses = np.array([[0, 1]], dtype=np.uint32), np.array([[0, 0, 0, 0, 0, 0, 1.0]])
+    with pytest.raises(InvalidArgumentException, match="several names, got a str"):
+        TransformBatch("ab", edges, np.array([1]), poses)
+    with pytest.raises(InvalidArgumentException, match=r"stamps_ns: expected shape \(1,\)"):
+        TransformBatch(("a", "b"), edges, 5, poses)
+
+
+def test_chosen_rows_are_read_only_too() -> None:
+    """As the arrays of any batch."""
+    chosen = TransformBatch.from_transforms([at(1.0, "robot", 1)]).only(("robot",))
+    with pytest.raises(ValueError, match="read-only"):
+        chosen.poses[0, 0] = 2.0
 
 
 @pytest.mark.parametrize(

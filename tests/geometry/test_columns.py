@@ -52,6 +52,15 @@ def test_messages_that_alternate_are_all_found() -> None:
     assert found.get(rows("robot")) == "again"
 
 
+def test_names_beside_the_rows_are_not_kept() -> None:
+    """A message of one row may name a million frames."""
+    found = FoundOfRows(10)
+    one = rows("robot")
+    beside = Columns.of_bytes((*one.frames, "lamp"), one.edges, one.stamps, one.poses)
+    found.put(beside, "beside")
+    assert (found.get(beside), found.count) == (None, 0)
+
+
 def test_what_is_kept_is_bounded() -> None:
     """A publisher may send any number of frames: beyond so many rows it begins again."""
     found = FoundOfRows(10)

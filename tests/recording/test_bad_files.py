@@ -236,6 +236,27 @@ def test_an_index_of_another_file_is_not_believed(tmp_path: Path) -> None:
     assert found.lookup_transform("world", "turtle1", T0 + S) == expected
 
 
+def test_an_index_of_messages_with_a_time_beyond_64_bits_is_not_believed(tmp_path: Path) -> None:
+    """The messages themselves are read, and their times."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("a/msg/Number", "ros2msg", b"int32 x\n")
+        channel = writer.register_channel("/number", "cdr", schema)
+        for number in range(3):
+            data = b"\0\1\0\0" + struct.pack("<i", number)
+            writer.add_message(channel, T0 + number, data, T0 + number)
+        writer.finish()
+    spoilt = bytearray(path.read_bytes())
+    entry = spoilt.index(struct.pack("<Q", T0 + 1))  # in the index: the chunk is compressed
+    struct.pack_into("<Q", spoilt, entry, 2**63 + 7)
+    path.write_bytes(spoilt)
+    with RecordingReader(path) as reader:
+        (topic,) = summary_of(reader).topics
+        assert topic.flow.messages == 3
+
+
 def test_a_summary_that_names_a_record_twice_is_not_believed(tmp_path: Path) -> None:
     """Each entry would be read and held: the file is read without its summary."""
     data = whole(tmp_path / "a.mcap")

@@ -6,9 +6,9 @@ import pytest
 
 from tests.builders import S, in_recording, moved
 from tests.recordings import at, publisher, sent, write
-from tfbus.recording.items import EventItem, TransformItem
+from tfbus.recording.items import ALL, EventItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.state import MOST_GONE, BusState, last_item
+from tfbus.recording.state import MOST_GONE, BusState, items_of_state, last_item
 
 
 def test_streams_that_are_long_gone_are_no_longer_in_force() -> None:
@@ -67,3 +67,17 @@ def test_the_last_item_before_a_moment_is_found_however_far_back(tmp_path: Path)
             last_item(reader, at(0.05), at(29.0), is_wanted=is_drone),
         ]
     assert [None if item is None else item.log_ns for item in found] == [at(12.3), at(0.0), None]
+
+
+@pytest.mark.parametrize("frames", [5, "sim", [5], [["world"]], [["world", ["sim"], 3]]])
+def test_a_list_of_frames_that_cannot_be_read_leaves_the_transforms(
+    tmp_path: Path, frames: object
+) -> None:
+    """Facts of a file may be anything."""
+    pytest.importorskip("mcap")
+    item = sent(publisher("sim"), 0.0, ("world", "sim", 1.0), stamp_ns=at(0.0))
+    facts = {"epoch": item.stream.epoch_ns, "frames": frames}
+    later = [EventItem(at(seconds), "stream", "sim", facts) for seconds in (0.1, 1.0)]
+    with RecordingReader(write(tmp_path / "run.mcap", [item, *later])) as reader:
+        found = items_of_state(reader, at(1.0), ALL, (), at(1.0))
+    assert [each.stream for each in found if isinstance(each, TransformItem)] == [item.stream]

@@ -21,7 +21,7 @@ from tfbus.recording.items import (
     TopicItem,
     TransformItem,
 )
-from tfbus.recording.layout import IndexBuilder
+from tfbus.recording.layout import IndexBuilder, event_of
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import BusState
 from tfbus.recording.writer import RecordingWriter
@@ -289,6 +289,13 @@ def test_facts_that_json_has_not(tmp_path: Path) -> None:
     facts = {"a": b"\0\xff", "b": [math.inf, -math.inf], "c": {"$bytes": "x"}, "d": {"$map": {}}}
     items = [EventItem(T0, "node", "n", facts)]
     assert read(written(tmp_path / "a.mcap", items)) == [(items[0],)]
+
+
+@pytest.mark.parametrize("facts", ['{"a":{"$bytes":5}}', '{"a":{"$number":[]}}', "[]", "{"])
+def test_facts_that_are_none_are_an_error_of_the_file(facts: str) -> None:
+    """Whoever wrote them."""
+    with pytest.raises(DecodeError, match="an event of kind 'node' cannot be read"):
+        event_of({"log_time": "1", "kind": "node", "name": "/sim", "facts": facts})
 
 
 def test_a_file_is_not_overwritten(tmp_path: Path) -> None:

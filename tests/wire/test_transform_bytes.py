@@ -198,6 +198,16 @@ def test_a_reader_refuses_as_decoding_does() -> None:
         assert str(read.value) == str(refused.value)
 
 
+def test_a_message_of_a_million_names_is_left_to_the_other_way() -> None:
+    """That counts its values, and refuses them."""
+    head, rest = SAMPLE.split(bytes.fromhex("93 a5776f726c64 a7747572746c6531 a564726f6e65"))
+    names = b"\xa5world\xa7turtle1\xa5drone" + b"\xa1x" * 1_000_000
+    many = head + b"\xdd" + (1_000_003).to_bytes(4, "big") + names + rest
+    assert scan_message(many, NameTables()) is None
+    with pytest.raises(DecodeError, match="more than 1000000 values"):
+        TransformReader().read(many)
+
+
 def test_a_reader_reads_what_a_later_version_adds_to() -> None:
     """A message with keys that we do not know is read without them."""
     message = TransformReader().read(packed(covariance=b"...", seq=5))

@@ -24,7 +24,7 @@ from tfbus.buffer.explain import Freshness, check_seconds, without_timeout
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.info import FrameInfo as FrameInfo
 from tfbus.buffer.insert_many import Permit
-from tfbus.buffer.lookup import Lookup, lookup_many
+from tfbus.buffer.lookup import Lookup, check_sampling, lookup_many
 from tfbus.buffer.store import ExpiredLookups, Store
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
@@ -114,7 +114,7 @@ class Buffer:
         max_samples: int | None = None,
     ) -> None:
         check_seconds(cache_time_s, "cache_time_s")
-        _check_sampling(sampling)
+        check_sampling(sampling)
         _check_clock(clock)
         if max_samples is None:
             max_samples = default_max_samples(cache_time_s)
@@ -493,7 +493,7 @@ class Buffer:
         if stamp_ns is not None and type(stamp_ns) is not int:
             stamp_ns = check_stamp(stamp_ns)
         if sampling is not None:
-            _check_sampling(sampling)
+            check_sampling(sampling)
         if max_age_s is None and not living:
             answer = self._answer(target_frame, source_frame, stamp_ns, sampling)
             if answer is not None:
@@ -662,7 +662,7 @@ class Buffer:
             target_frame,
             source_frame,
             _stamps(stamps_ns),
-            self.sampling if sampling is None else sampling,
+            self.sampling if sampling is None else check_sampling(sampling),
         )
 
     def transform_points(
@@ -784,6 +784,9 @@ class Buffer:
             path = self._store.tree.path(reference_frame, frame)
             dynamic = [] if path is None else [h for h in path.edges() if not h.static]
             spans = [history.stamp_span() for history in dynamic]
+        if path is None or not all(spans):  # it is forgotten since it was looked up
+            error = Lookup(self._store, ((reference_frame, frame, None),)).error()
+            raise without_timeout(error)
         if not dynamic:
             still = np.zeros(3)
             stamp = now.stamp_ns
@@ -926,13 +929,6 @@ def _columns(batch: TransformBatch | Iterable[TransformStamped]) -> Columns:
             f"{type(batch).__name__}"
         )
     return Columns.of_transforms(batch)
-
-
-def _check_sampling(sampling: object) -> None:
-    if not isinstance(sampling, Sampling):
-        raise InvalidArgumentException(
-            f"sampling: expected a tfbus.Sampling, got a {type(sampling).__name__}"
-        )
 
 
 def _check_clock(clock: object) -> None:

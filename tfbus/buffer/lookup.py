@@ -17,6 +17,7 @@ from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
     GapException,
+    InvalidArgumentException,
     LookupException,
     PastExtrapolationException,
     SingleSampleException,
@@ -66,7 +67,7 @@ class Lookup:
     ) -> None:
         self._store = store
         self._questions = questions
-        self._sampling = store.sampling if sampling is None else sampling
+        self._sampling = store.sampling if sampling is None else check_sampling(sampling)
         self._fresh = fresh
 
     def answers(self) -> list[TransformStamped] | None:
@@ -264,6 +265,15 @@ class Lookup:
         return names if len(self._questions) == 1 else [*names, ("fixed_frame", first[0])]
 
 
+def check_sampling(sampling: object) -> Sampling:
+    """The sampling. Raises InvalidArgumentException for a value of another type."""
+    if not isinstance(sampling, Sampling):
+        raise InvalidArgumentException(
+            f"sampling: expected a tfbus.Sampling, got a {type(sampling).__name__}"
+        )
+    return sampling
+
+
 def _past_of(reason: TransformException) -> str | None:
     """The authority whose past may have samples for the time that was asked for."""
     if isinstance(reason, PastExtrapolationException | SingleSampleException | GapException):
@@ -367,7 +377,9 @@ def _check_connected(
     store: Store, target_frame: str, source_frame: str, stamps: NDArray[np.int64]
 ) -> None:
     """Raise if no path joins the frames, neither now nor at one of the stamps."""
-    for stamp in stamps.tolist():
+    with store.lock:
+        are_known = target_frame in store.tree.frames and source_frame in store.tree.frames
+    for stamp in stamps.tolist() if are_known else ():
         if Lookup(store, ((target_frame, source_frame, stamp),)).answers() is not None:
             return
     raise Lookup(store, ((target_frame, source_frame, None),)).error()

@@ -12,6 +12,7 @@ from tfbus.base import lazy_numpy as np
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import (
+    ConnectivityException,
     ExtrapolationException,
     InvalidArgumentException,
     LookupException,
@@ -335,9 +336,14 @@ class Recording(AbstractContextManager["Recording"]):
         *,
         sampling: Sampling | None = None,
     ) -> bool:
-        """Whether `lookup_transform` with the same arguments would succeed."""
+        """Whether `lookup_transform` with the same arguments would succeed.
+
+        Raises InvalidArgumentException for arguments that no lookup takes.
+        """
         try:
             self.lookup_transform(target_frame, source_frame, stamp_ns, sampling=sampling)
+        except InvalidArgumentException:
+            raise
         except TransformException:
             return False
         return True
@@ -392,7 +398,7 @@ class Recording(AbstractContextManager["Recording"]):
                 found, are_known = span.buffer.lookup_known_transforms(
                     target_frame, source_frame, stamps[of_span], sampling=sampling
                 )
-            except TransformException:
+            except (LookupException, ConnectivityException):
                 continue  # one of the frames was not there
             poses[of_span, :3], poses[of_span, 3:] = found.xyz, found.quat_xyzw
             known[of_span] = are_known

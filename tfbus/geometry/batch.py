@@ -36,8 +36,10 @@ class TransformBatch(Struct, eq=False):
     poses: NDArray[np.float64]
 
     def __post_init__(self) -> None:
+        if isinstance(self.frames, str):
+            raise InvalidArgumentException("frames: expected several names, got a str")
         object.__setattr__(self, "frames", tuple([_name(frame) for frame in self.frames]))
-        count = len(self.stamps_ns)
+        count = int(np.size(self.stamps_ns))
         self._set_column("edges", np.uint32, (count, 2))
         self._set_column("stamps_ns", np.int64, (count,))
         self._set_column("poses", np.float64, (count, 7))
@@ -63,8 +65,6 @@ class TransformBatch(Struct, eq=False):
             np.array(stamps, dtype=np.int64),
             np.array(poses, dtype=np.float64).reshape(-1, 7),
         )
-        for column in columns:
-            column.flags.writeable = False
         return batch_of_checked(tuple(index_of), *columns)
 
     def with_frames(self, frames: tuple[str, ...]) -> "TransformBatch":
@@ -141,6 +141,8 @@ def batch_of_checked(
     poses: NDArray[np.float64],
 ) -> TransformBatch:
     """The batch of columns that were checked before: checking takes longer than all else."""
+    for column in (edges, stamps_ns, poses):
+        column.flags.writeable = False
     batch = object.__new__(TransformBatch)
     vars(batch).update(frames=frames, edges=edges, stamps_ns=stamps_ns, poses=poses)
     return batch

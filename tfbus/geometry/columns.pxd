@@ -19,6 +19,8 @@ cdef class Columns:
     cdef bint is_like(self, tuple frames, bytes edges) except -1
     @cython.locals(edge=edge_t)
     cdef str last_child(self)
+    @cython.locals(edge=edge_t)
+    cdef TransformStamped _transform(self, Py_ssize_t row)
 
 @cython.final
 cdef class Kind:

@@ -6,6 +6,7 @@ Compiled if there is a C compiler (`columns.pxd` has the C types).
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator
+from contextlib import suppress
 from struct import iter_unpack, unpack_from
 from typing import Any
 
@@ -134,14 +135,26 @@ class Columns:
 
     def __iter__(self) -> Iterator[TransformStamped]:
         """Row by row. Raises InvalidArgumentException for a row that is not a valid transform."""
-        for row, (parent, child) in enumerate(self.pairs()):
-            pose = unpack_from("=7d", self.poses, self.poses_at + POSE_SIZE * row)
-            yield TransformStamped(
-                packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * row),
-                check_frame_id(self.frames[parent]),
-                check_frame_id(self.frames[child]),
-                Transform(pose[:3], pose[3:]),
-            )
+        for row in range(self.count):
+            yield self._transform(row)
+
+    def valid(self) -> list[TransformStamped]:
+        """The rows that are valid transforms."""
+        found = []
+        for row in range(self.count):
+            with suppress(InvalidArgumentException):
+                found.append(self._transform(row))
+        return found
+
+    def _transform(self, row: int) -> TransformStamped:
+        parent, child = packed.edge_at(self.edges, self.edges_at + EDGE_SIZE * row)
+        pose = unpack_from("=7d", self.poses, self.poses_at + POSE_SIZE * row)
+        return TransformStamped(
+            packed.stamp_at(self.stamps, self.stamps_at + STAMP_SIZE * row),
+            check_frame_id(self.frames[parent]),
+            check_frame_id(self.frames[child]),
+            Transform(pose[:3], pose[3:]),
+        )
 
     def _chosen(self, children: Collection[str], wanted: bool) -> "Columns":
         of = {at for at, frame in enumerate(self.frames) if frame in children}
@@ -195,8 +208,12 @@ class FoundOfRows:
         return kind.found
 
     def put(self, columns: Columns, found: object) -> None:
-        """Keep a finding about rows."""
+        """Keep a finding about rows; not of rows beside names that are of none of them, of which a
+        message may have a million.
+        """
         if columns.count == 0 or columns.count > self._most:
+            return
+        if len(columns.frames) > 2 * columns.count:
             return
         last_child = columns.last_child()
         former = self._kinds.pop(last_child, None)

@@ -48,6 +48,7 @@ class Sampling(Struct):
                 raise InvalidArgumentException(
                     f"{name} must be a number of seconds from 0 to 1e6, not {value!r}"
                 )
+            object.__setattr__(self, name, float(value))
         if self.tolerance_s and self.interpolation != "nearest":
             raise InvalidArgumentException('tolerance_s is only for interpolation="nearest"')
         if self.extrapolation_s and self.interpolation == "nearest":

@@ -236,9 +236,10 @@ class _Repeated:
         digest = _digest(item)
         received = self._received.setdefault(digest, [])
         for log_ns, numbers in reversed(received):
+            if item.log_ns - log_ns > apart_ns:
+                break
             # One that has ended cannot have had this message.
-            is_of_one = number not in numbers and not numbers.isdisjoint(others)
-            if item.log_ns - log_ns <= apart_ns and is_of_one:
+            if number not in numbers and not numbers.isdisjoint(others):
                 numbers.add(number)
                 return True
         received.append((item.log_ns, {number}))

@@ -125,6 +125,18 @@ class EventItem:
         messages = self.facts.get("messages") if self.kind == "dropped" else 0
         return messages if isinstance(messages, int) else 0
 
+    @property
+    def children(self) -> frozenset[str]:
+        """The child frames that the description of a stream lists, in rows that can be read."""
+        rows = self.facts.get("frames")
+        if not isinstance(rows, list | tuple):
+            return frozenset()
+        return frozenset(
+            row[1]
+            for row in rows
+            if isinstance(row, list | tuple) and len(row) > 1 and isinstance(row[1], str)
+        )
+
 
 Item = TransformItem | TopicItem | EventItem
 

@@ -186,7 +186,7 @@ def event_of(metadata: Mapping[str, str]) -> EventItem | None:
     try:
         log_ns = int(metadata["log_time"])
         facts = _original(json.loads(metadata.get("facts", "{}")))
-    except (KeyError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise DecodeError(f"an event of kind {kind!r} cannot be read") from error
     if not isinstance(facts, dict) or not 0 <= log_ns <= _LAST_NS:
         raise DecodeError(f"an event of kind {kind!r} cannot be read")

@@ -254,7 +254,9 @@ def read_message_index(data: bytes) -> tuple[int, list[int]]:
     entries = fields.raw(fields.number(4))
     if len(entries) % 16:
         raise DecodeError("an index of messages is not whole")
-    return channel, memoryview(entries).cast("Q").tolist()[::2]
+    times = memoryview(entries).cast("Q").tolist()[::2]
+    check_log_time(max(times, default=0))
+    return channel, times
 
 
 def chunk_records(record: bytes) -> bytes:

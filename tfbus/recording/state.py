@@ -207,11 +207,11 @@ def _last_of_each(former: Iterable[Item], state: Iterable[Item]) -> list[Transfo
             # So the order is that of the messages.
             last.pop(key, None)
             last[key] = item
-    children: dict[str, set[str]] = {}
+    children: dict[str, frozenset[str]] = {}
     for event in state:
         if isinstance(event, EventItem) and event.kind == "stream":
             epochs[event.name] = event.facts.get("epoch", epochs.get(event.name))
-            children[event.name] = {row[1] for row in event.facts.get("frames", ())}
+            children[event.name] = event.children
     found = []
     for (name, _), item in last.items():
         if item.stream.epoch_ns != epochs[name]:

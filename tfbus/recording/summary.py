@@ -1,12 +1,12 @@
 """The contents of a recording, in numbers: streams, rates, gaps, topics, nodes, events."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from tfbus.base import lazy_numpy as np
 from tfbus.base.lazy_numpy import NDArray
+from tfbus.base.wording import natural_order
 from tfbus.recording.items import EventItem, Pause, Viewpoint, recorded_ns, waits_between
 from tfbus.recording.layout import Edge
 from tfbus.recording.part import StreamChannel
@@ -323,20 +323,12 @@ def _streams(
             stream.split,
             flows.get(("stream", name), Flow(0)),
             transforms[name],
-            tuple(sorted(dynamic.get(name, ()), key=_by_number)),
-            tuple(sorted(static.get(name, ()), key=_by_number)),
+            tuple(sorted(dynamic.get(name, ()), key=natural_order)),
+            tuple(sorted(static.get(name, ()), key=natural_order)),
             gone[name].log_ns if name in gone else None,
         )
         for name, stream in sorted(streams.items())
     )
-
-
-def _by_number(name: str) -> list[tuple[int, str]]:
-    """So that link2 comes before link10."""
-    return [
-        (int(part), "") if part.isdecimal() and len(part) < 20 else (-1, part)
-        for part in re.split(r"([0-9]+)", name)
-    ]
 
 
 def _nodes(events: Iterable[EventItem]) -> tuple[NodeFacts, ...]:

@@ -1,9 +1,8 @@
 """A buffer of a listener that sends the transforms that it stores on to another bus."""
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+import math
+from collections.abc import Callable, Collection, Iterable
 
-from tfbus.base.errors import TransformException
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.batch import TransformBatch
@@ -52,11 +51,25 @@ class PassingBuffer(Buffer):
         return taken
 
     def _taken_of(self, rows: Columns) -> Columns:
-        """The rows of frames of which all are valid and held: rows are rarely refused."""
-        kept = []
-        for child in rows.children():
-            with suppress(TransformException):
-                parents = {each.frame_id for each in rows.only((child,))}
-                if parents == {self.frame(child).parent}:
-                    kept.append(child)
-        return rows.only(kept)
+        """The rows that are held now, as rows are rarely refused."""
+        held = self._held(rows.children())
+        return Columns.of_transforms(
+            [
+                each
+                for each in rows.valid()
+                if (entry := held.get(each.child_frame_id)) is not None
+                and each.frame_id == entry[0]
+                and each.stamp_ns >= entry[1]
+            ]
+        )
+
+    def _held(self, frames: Collection[str]) -> dict[str, tuple[str, float]]:
+        """The parent of each of these frames that has one, and the stamp of its oldest sample."""
+        held: dict[str, tuple[str, float]] = {}
+        with self._store.lock:
+            for frame in frames:
+                history = self._store.tree.frames.get(frame)
+                span = None if history is None else history.stamp_span()
+                if history is not None and history.parent is not None and span is not None:
+                    held[frame] = history.parent.name, -math.inf if history.static else span[0]
+        return held

@@ -172,7 +172,7 @@ def _of_event(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
 
 def _described(sweep: _Sweep, event: EventItem) -> Iterator[Mark]:
     at_ns, name = event.log_ns, event.name
-    now = _ListedStream(_epoch(event.facts), _publisher(event.facts), _children(event.facts))
+    now = _ListedStream(_epoch(event.facts), _publisher(event.facts), event.children)
     former = sweep.streams.get(name)
     if former is not None:
         restarted = bool(former.epoch and now.epoch > former.epoch)
@@ -259,17 +259,6 @@ def _publisher(facts: Mapping[str, Any]) -> str:
     if not node:
         return ""
     return f": {printable(str(node))} on {printable(str(host or '?'))}, pid {printable(str(pid))}"
-
-
-def _children(facts: Mapping[str, Any]) -> frozenset[str]:
-    rows = facts.get("frames")
-    if not isinstance(rows, list | tuple):
-        return frozenset()
-    return frozenset(
-        row[1]
-        for row in rows
-        if isinstance(row, list | tuple) and len(row) > 1 and isinstance(row[1], str)
-    )
 
 
 _BARS = 240

@@ -6,6 +6,7 @@ from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.wire.numbered cimport FrameNumbers, NumberedRows, pack_poses
 
 cdef Py_ssize_t EDGE_SIZE, STAMP_SIZE, POSE_SIZE, _MOST_TABLES, _LARGEST_TABLE, _MOST_NAMES, _MOST_BYTES
+cdef Py_ssize_t _MOST_NAMES_OF_A_MESSAGE
 cdef int _V, _EPOCH, _SEQ, _STAMPS, _POSES, _FRAMES, _EDGES, _RUNS, _FORMS
 cdef int _NEEDED, _ALLOWED, _NEEDED_NUMBERED, _ALLOWED_NUMBERED
 cdef long long _VERSION, _NUMBERED

@@ -35,6 +35,9 @@ _LARGEST_TABLE = 16 * 1024
 _MOST_NAMES = 100_000
 _MOST_BYTES = 4 * 2**20
 
+# A message of more names is left to `transforms.decode_transforms`, which counts all of its values.
+_MOST_NAMES_OF_A_MESSAGE = 500_000
+
 _VERSION = VERSION
 _NUMBERED = NUMBERED
 _LARGEST = 2**63 - 1
@@ -327,6 +330,9 @@ def _names(cursor: _Cursor, tables: NameTables) -> tuple[str, ...]:
     """The names that follow."""
     start = cursor.at
     count = cursor.array_length()
+    if count > _MOST_NAMES_OF_A_MESSAGE:
+        cursor.fail()
+        return ()
     for _ in range(count):
         cursor.skip(cursor.text_size())
         if cursor.failed:

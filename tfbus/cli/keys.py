@@ -35,6 +35,8 @@ class _Keys(Verbs):
             )
         try:
             return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # of the output, and no fault
         except (TfbusError, OSError) as error:
             raise click.ClickException(str(error)) from error
 

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import click
 
-from tfbus import Node, NodeSettings, Number, node_options
+from tfbus import Node, NodeSettings, Number, ServiceError, node_options
 from tfbus.base.wording import stamp_text
 from tfbus.command import Declared, Moment, MomentType, NodeCommand
 from tfbus.messages import Clock, Empty, SetClock
@@ -91,6 +91,8 @@ class SimulatedTime:
         return Empty.Response()
 
     def _set(self, request: SetClock.Request) -> SetClock.Response:
+        if request.stamp_ns >= LATEST_NS:
+            raise ServiceError(f"stamp_ns must be between 1970 and 2116, not {request.stamp_ns}")
         self._now_ns = request.stamp_ns
         self._publish()
         return SetClock.Response()

@@ -144,7 +144,7 @@ def answers(
         # History comes oldest first: until it is complete, its latest is not the present.
         _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         if node.ok:
-            node.wait(_HISTORY_COMES_S)
+            node.wait(_HISTORY_COMES_S, clock=SystemClock())
     while True:
         answer = _wait_for_answer(node, listener, question, timeout_s, history_by_s)
         if answer is None:

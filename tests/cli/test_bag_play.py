@@ -80,6 +80,18 @@ def test_all_count_the_messages_of_a_recording_alike(bus: Bus, tmp_path: Path) -
     assert "Played 8 messages in" in played
 
 
+@pytest.mark.parametrize("options", [(), ("--clock",), ("--clock", "--delay", "1")])
+def test_it_does_not_follow_a_simulated_time(
+    bus: Bus, run_mcap: Path, options: tuple[str, ...]
+) -> None:
+    """It plays to the end by real time where the environment sets simulated time, as that of a
+    launch file with `sim_time`: the clock may be its own.
+    """
+    player = bus.start("bag", "play", str(run_mcap), *options, env={"TFBUS_SIM_TIME": "1"})
+    assert player.wait(timeout_s=30.0) == 0
+    assert "Played 6 messages in 2.0 s" in player.err[-1]
+
+
 @pytest.mark.parametrize("delay", [(), ("--delay", "0.1")])
 def test_it_does_not_take_over_a_live_robot(
     bus: Bus, run_mcap: Path, delay: tuple[str, ...]

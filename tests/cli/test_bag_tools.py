@@ -265,6 +265,8 @@ def test_topics_are_listed_printed_and_measured(path: Path) -> None:
         (("echo", "world", "base", "--at", "+1s", "--to", "+2s"), "--at is one moment"),
         (("plot", "world", "base", "-o", "a.svg", "--for", "3"), "--for listens to a bus"),
         (("topic", "echo", "turtle1/pose", "--raw"), "of a bus"),
+        (("topic", "hz", "turtle1/pose", "--window", "2"), "--window and --timeout are of a bus"),
+        (("topic", "bw", "turtle1/pose", "--timeout", "3"), "--window and --timeout are of a bus"),
     ],
 )
 def test_what_a_recording_has_not_is_a_usage_error(

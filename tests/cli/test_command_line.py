@@ -498,3 +498,28 @@ def test_what_goes_on_says_that_it_waits_for_a_router(bus: Bus, line: str) -> No
     """A tool that goes on until Ctrl-C waits for its router, and says so."""
     env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": NOWHERE}
     bus.start(*line.split(), env=env).wait_for_line(f"Waiting for a router at {NOWHERE}")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "needs", "written"),
+    [
+        ("keys init {folder}/keys", "cryptography", "keys/rights.yaml"),
+        ("plot --from {folder}/in.csv --show position -o {folder}/a.svg", "matplotlib", "a.svg"),
+    ],
+)
+def test_a_reader_that_is_gone_is_no_fault_of_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, needs: str, written: str
+) -> None:
+    """A tool that nobody reads any more has written its file, and does not say that it cannot."""
+    pytest.importorskip(needs)
+    pose = ",world,turtle1,0,0,0,0,0,0,1,0,0,0"
+    header = "stamp_ns,frame_id,child_frame_id,x,y,z,qx,qy,qz,qw,roll,pitch,yaw"
+    (tmp_path / "in.csv").write_text(f"{header}\n1{pose}\n2{pose}\n")
+
+    def gone(*_: object, **__: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr(click, "echo", gone)
+    with pytest.raises(BrokenPipeError):
+        main(arguments.format(folder=tmp_path).split(), standalone_mode=False)
+    assert (tmp_path / written).is_file()

@@ -51,3 +51,17 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path: Path) -> None:
     assert done.exit_code == 1
     assert done.output.startswith(f"Error: {tmp_path}/file/mine ")
     assert done.output.endswith(": Not a directory\n") and done.output.count("\n") == 1
+
+
+def test_a_reader_that_is_gone_loses_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The package stays where nobody reads the names of its files, as behind a pipe that ended."""
+
+    def gone(*_: object) -> None:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("tfbus.cli.create.click.echo", gone)
+    with pytest.raises(BrokenPipeError):
+        command.main(["mine", "--directory", str(tmp_path)], standalone_mode=False)
+    assert (tmp_path / "mine" / "README.md").is_file()

@@ -110,6 +110,16 @@ class TestParameters:
         assert (code, out, report.startswith("Error: ")) == (2, "", True)
         assert report.endswith(f" FILE: {sentence}")
 
+    def test_a_file_that_is_no_text_is_a_usage_error(
+        self, bus: Bus, sim: Node, tmp_path: Path
+    ) -> None:
+        """A binary file is refused in one sentence."""
+        file = tmp_path / "sim.mcap"
+        file.write_bytes(b"\x89MCAP0\r\n")
+        code, out, report = run(bus, "param", "load", "sim", str(file))
+        assert (code, out) == (2, "")
+        assert report.endswith("sim.mcap is not a text file in UTF-8")
+
     def test_parameters_are_described(self, bus: Bus, sim: Node) -> None:
         """A description has the type, what it is for, and the bounds."""
         assert run(bus, "param", "describe", "sim", "red")[1].splitlines() == [

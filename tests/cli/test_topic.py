@@ -303,6 +303,10 @@ class TestEcho:
         for arguments, sentence in (
             (("x", "--csv", "--json"), "--csv, --json and --raw are mutually exclusive: give one"),
             (
+                ("x", "--raw", "--filter", "m.x > 5"),
+                "--raw has bytes, without fields: omit --field and --filter",
+            ),
+            (
                 ("~/x",),
                 "Invalid value for 'TOPIC': topic '~/x' is private to a node: write the node's "
                 "name instead of '~'",

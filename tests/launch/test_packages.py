@@ -25,7 +25,7 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (package / "__init__.py").write_text("raise SystemExit('it was imported')")
     (package / "drive.launch.yaml").write_text(A_LAUNCH)
     (package / "launch" / "arm.yaml").write_text(A_LAUNCH)
-    (package / "parameters.yaml").write_text("speed: 3\n")
+    (package / "parameters.yaml").write_text("speed: 3\n? [left, right]\n: 4\n")
     info = tmp_path / "site" / "fleet7-1.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: fleet7\nVersion: 1\n")
@@ -35,7 +35,9 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_package_has_the_files_that_list_nodes(site: Path) -> None:
-    """They are those in its folder and in `launch`; a file of parameters is none of them."""
+    """They are those in its folder and in `launch`; a file of parameters, by words or by lists, is
+    none of them.
+    """
     assert list(launch_files_of("fleet7")) == ["arm.yaml", "drive.launch.yaml"]
 
 

@@ -50,6 +50,16 @@ def test_an_invalid_time_is_refused(bus: Bus) -> None:
         bus.node("here").create_client(SetClock, "clock/set").call(Clock(5))
 
 
+def test_a_time_that_would_run_out_of_numbers_is_refused(bus: Bus) -> None:
+    """As --start refuses it; the clock goes on from where it is."""
+    start_clock(bus, "--start", "7s")
+    call = bus.run("call", "clock/set", f"{{stamp_ns: {2**63 - 1}}}")
+    assert call.returncode == 1
+    assert "stamp_ns must be between 1970 and 2116" in call.stderr
+    node = follower(bus)
+    eventually(lambda: 7 * SECOND < node.now_ns() < 100 * SECOND)
+
+
 def test_a_clock_does_not_follow_itself(bus: Bus) -> None:
     """The clock uses the system's time even if the environment sets simulated time."""
     clock = bus.start("clock", "--start", "7s", "--sim-time", env={"TFBUS_SIM_TIME": "1"})

@@ -12,6 +12,7 @@ from click.testing import CliRunner
 
 from tests import live_bus
 from tests.buses import eventually
+from tests.processes.sim_time import SECOND, start_clock
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -233,6 +234,19 @@ def test_a_fixed_frame_joins_two_times(bus: Bus, clockwork: Node) -> None:
     options = ("--at", "-1s", "--fixed-frame", "world", "--format", "json", "--once")
     done = bus.run("echo", "hand", "hand", *options)
     assert json.loads(done.stdout)["xyz"][0] == pytest.approx(-1.0, abs=0.5)
+
+
+def test_a_fixed_frame_joins_two_times_of_a_clock_that_stands(bus: Bus) -> None:
+    """The history that it waits for comes by real time."""
+    start_clock(bus, "--paused", "--start", "100s")
+    send = TransformBroadcaster(bus.node("sim")).send_transform
+    for second in range(98, 101):
+        pose = Transform((float(second), 0.0, 0.0))
+        send(TransformStamped(second * SECOND, "world", "hand", pose))
+    options = ("--at", "-1s", "--fixed-frame", "world", "--format", "json", "--once", "--sim-time")
+    echo = bus.start("echo", "hand", "hand", *options)
+    assert echo.wait(timeout_s=5.0) == 0
+    assert json.loads(echo.out[0])["xyz"] == [-1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -75,19 +75,22 @@ def command(package: str, node: str, directory: Path) -> None:
     if folder.exists():
         raise click.ClickException(f"{folder} exists: choose another name or --directory")
     try:
-        _write(folder, {"my_robot": package, "my_node": node})
+        written = _write(folder, {"my_robot": package, "my_node": node})
     except OSError as error:
         shutil.rmtree(folder, ignore_errors=True)
         raise click.ClickException(f"{folder} cannot be written: {error.strerror}") from error
+    click.echo("\n".join(map(str, written)))
     click.echo(f"Next: cd {folder}, and follow its README.md")
 
 
-def _write(folder: Path, names: dict[str, str]) -> None:
+def _write(folder: Path, names: dict[str, str]) -> list[Path]:
+    """Write the package, with these names in the place of the template's; its files."""
+
     def renamed(text: str) -> str:
         return re.sub("|".join(names), lambda found: names[found[0]], text)
 
-    for name in _FILES:
-        path = folder / renamed(name)
+    paths = [folder / renamed(name) for name in _FILES]
+    for name, path in zip(_FILES, paths, strict=True):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(renamed((_TEMPLATE / name).read_text()))
-        click.echo(path)
+    return paths

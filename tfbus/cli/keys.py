@@ -36,6 +36,8 @@ class _Keys(Verbs):
             )
         try:
             return super().invoke(ctx)
+        except BrokenPipeError:
+            raise  # of the output, and no fault
         except TfbusError as error:
             raise click_error(error) from error
         except OSError as error:

@@ -308,7 +308,10 @@ def read_parameter_file(file: IO[str], node: str) -> dict[str, Any]:
     """
     from tfbus.base.yaml_file import read_value  # YAML, which `--help` does not need
 
-    content = read_value(file.read())
+    try:
+        content = read_value(file.read())
+    except UnicodeDecodeError as error:
+        raise _mistake(file, "is not a text file in UTF-8") from error
     if not isinstance(content, dict) or not content:
         raise _mistake(file, "is not a YAML map of parameters")
     if not any(isinstance(value, dict) for value in content.values()):

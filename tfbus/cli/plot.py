@@ -197,14 +197,14 @@ def _show(track: Trajectory, output: Path | None, panels: tuple[Panel, ...]) -> 
             show_plot(track, panels)
         else:
             write_plot(track, output, panels)
-            span_s = track.span_s
-            click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {span_s:.1f} s")
     except ImportError as error:
         raise TfbusError(
             f"plots need matplotlib, which is not installed: {install_command('plot')}"
         ) from error
     except OSError as error:
         raise TfbusError(f"{output} cannot be written: {error.strerror}") from error
+    if output is not None:
+        click.echo(f"Wrote {output}: {counted(len(track), 'pose')} over {track.span_s:.1f} s")
 
 
 def _has_display() -> bool:

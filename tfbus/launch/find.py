@@ -77,7 +77,7 @@ def _is_launch_file(path: Path) -> bool:
     except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError):
         return True  # its mistake is said when it is launched
     entries = document.value if isinstance(document, yaml.MappingNode) else ()
-    return any(key.value in _KEYS for key, _ in entries)
+    return any(isinstance(key, yaml.ScalarNode) and key.value in _KEYS for key, _ in entries)
 
 
 _SUFFIXES = (".launch.yaml", ".yaml")

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -214,6 +215,8 @@ def command(
         raise click.UsageError("--clock is the recorded time, which --stamps now does not follow")
     try:
         settings = settings.renamed(node_name) if node_name else settings.named_by_default("player")
+        # It makes the time that others follow, and must not wait for one.
+        settings = replace(settings, sim_time=False)
         plan = PlayPlan(
             files=(*files, *more_files),
             selection=asked.selection(),

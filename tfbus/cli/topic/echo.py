@@ -277,6 +277,8 @@ def echo_command(
     """
     if as_csv + as_json + raw > 1:
         raise click.UsageError("--csv, --json and --raw are mutually exclusive: give one")
+    if raw and (field or expression):
+        raise click.UsageError("--raw has bytes, without fields: omit --field and --filter")
     if with_info and (as_csv or as_json or raw):
         raise click.UsageError("-i is a comment in YAML: omit --csv, --json and --raw")
     shortening = Shortening(None if full_length else truncate_length, not no_arr, not no_str)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.core import ParameterSource
 
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import BusError, DecodeError
@@ -318,7 +319,7 @@ def hz_command(
         def counted(message: RecordedMessage) -> float | None:
             return 0.0 if wanted is None or wanted.takes(message.values) else None
 
-        _run_recorded(settings, topics, bag, RATE, counted, how["as_json"])
+        _run_recorded(settings, topics, bag, RATE, counted, **how)
         return
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -343,7 +344,7 @@ def bw_command(
     recording, or of a span of it, once.
     """
     if bag is not None:
-        _run_recorded(settings, topics, bag, BANDWIDTH, lambda it: it.size, how["as_json"])
+        _run_recorded(settings, topics, bag, BANDWIDTH, lambda it: it.size, **how)
         return
     _run(settings, topics, BANDWIDTH, lambda node, topic: len, **how)
 
@@ -361,7 +362,7 @@ def delay_command(
     of a recording, or of a span of it, once.
     """
     if bag is not None:
-        _run_recorded(settings, topics, bag, DELAY, _age_s, how["as_json"])
+        _run_recorded(settings, topics, bag, DELAY, _age_s, **how)
         return
 
     def number_of(node: "Node", topic: str) -> Meter:
@@ -393,8 +394,14 @@ def _run_recorded(
     bag: BagChoice,
     report: Measure,
     number_of: Callable[[RecordedMessage], float | None],
+    *,
+    timeout_s: float | None,
     as_json: bool,
+    **_: object,
 ) -> None:
+    given = click.get_current_context().get_parameter_source("window")
+    if timeout_s is not None or given is not ParameterSource.DEFAULT:
+        raise click.UsageError("--window and --timeout are of a bus: omit them with --bag")
     measured = {}
     for topic in topics:
         reading = reading_of(bag, full_topic(topic, settings), number_of)

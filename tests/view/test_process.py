@@ -144,7 +144,7 @@ def test_a_yaml_that_is_no_configuration_of_zenoh_may_be_settings(bus: Bus, tmp_
     path = tmp_path / "cfg.yaml"
     path.write_text("fixed_frame: map\ncolour: blue\n")
     done = bus.run("view", "--config", str(path))
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert f"--settings {path}" in done.stderr
 
 

@@ -268,7 +268,12 @@ class _Described:
     declared=(RATE, ZEROS),
     epilog="Examples: tfbus joints arm.urdf; tfbus joints --sweep; tfbus joints --csv waves.csv",
 )
-@click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path, dir_okay=False, exists=True), required=False)
+@click.argument(
+    "path",
+    metavar="[FILE]",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    required=False,
+)
 @click.argument("more_arguments", metavar="[NAME:=VALUE]...", nargs=-1)
 @click.option("--zero", is_flag=True, help="Stay at rest: 0, or the middle of the limits.")
 @click.option("--sweep", is_flag=True, help="Move each joint from limit to limit.")

@@ -288,7 +288,12 @@ def _refuse_publish_frequency(ctx: click.Context, param: click.Parameter, text: 
     epilog="Examples: tfbus robot_state arm.urdf; "
     "tfbus robot_state arm.urdf.xacro gripper:=true --watch",
 )
-@click.argument("path", metavar="[FILE]", type=click.Path(path_type=Path, dir_okay=False, exists=True), required=False)
+@click.argument(
+    "path",
+    metavar="[FILE]",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    required=False,
+)
 @click.argument("more_arguments", metavar="[NAME:=VALUE]...", nargs=-1)
 @click.option(
     "--prefix", default="", metavar="PREFIX", help="Put before all frames, such as left_."

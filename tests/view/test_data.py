@@ -478,6 +478,20 @@ def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -
     assert scenes.note("map", frames) == ""
 
 
+def test_a_picture_of_the_page_shows_images_that_have_no_camera(buffer: Buffer) -> None:
+    """One with a camera is in the scene already, and a cloud is."""
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    image = Image.from_pixels(2 * S, "base", np.zeros((2, 3, 3), np.uint8))
+    camera = CameraInfo(2 * S, "base", 2, 3, k=np.diag((3.0, 3.0, 1.0)).ravel())
+    for message, known in ((cloud(2 * S), None), (image, camera)):
+        layer = scenes.layers["topic"] = layer_of(message)
+        layer.step(buffer, "map", 0.0, SETTINGS, known)
+        assert layer.placed and not scenes.has_pictures_without_camera
+    layer = scenes.layers["topic"] = layer_of(image)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    assert scenes.has_pictures_without_camera
+
+
 def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffer) -> None:
     """As of a topic that was away for a while; each panel gets a picture once."""
     source, server = MagicMock(is_recorded=False), MagicMock()

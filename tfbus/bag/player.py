@@ -133,9 +133,7 @@ class Player(Playhead):
                     return True
                 is_news, self._pace_is_news = self._pace_is_news, False
                 if not is_news and self._has_ended(ahead):
-                    if self._at_end == "stop" or (
-                        self._at_end == "loop" and not self._has_played
-                    ):
+                    if self._at_end == "stop" or (self._at_end == "loop" and not self._has_played):
                         return False
                     is_news = not self._is_at_end
                     self._arrive(can_loop=True)

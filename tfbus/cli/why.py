@@ -146,9 +146,7 @@ def _history_s(moment: Moment | None) -> float:
 
 
 def _lines(it: Explanation) -> list[str]:
-    lines = [
-        paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it)}", "heading")
-    ]
+    lines = [paint(f"{it.source} seen from {it.target}{_when(it)}: {_outcome(it)}", "heading")]
     lines += wrapped(it.failure, _LONGEST, "  ") if it.failure else []
     for step in it.steps:
         lines += _step_lines(step)

@@ -92,7 +92,6 @@ def _socket(*_: object, **__: object) -> NoReturn:
     )
 
 
-
 def _program(_: object, args: Any = "", *__: object, **___: object) -> NoReturn:
     words = args if isinstance(args, str | bytes) else shlex.join(map(os.fsdecode, args))
     raise SimulationError(

@@ -54,7 +54,7 @@ CLOSE_NOTES = (
     ".forEach(button => button.click())"
 )
 # Opens a tab by its title, as its key does; then the first image in it, which may be below controls.
-_OPEN_TAB = (
+OPEN_TAB = (
     "[...document.querySelectorAll('[role=tab]')].find(tab => tab.textContent.trim() === {})"
     "?.dispatchEvent(new KeyboardEvent('keydown', {{key: 'Enter', bubbles: true}}))"
 )
@@ -205,7 +205,7 @@ class Screenshot:
             ask("Runtime.evaluate", expression=CLOSE_NOTES)
             tab = hold()
             if tab:
-                ask("Runtime.evaluate", expression=_OPEN_TAB.format(json.dumps(tab)))
+                ask("Runtime.evaluate", expression=OPEN_TAB.format(json.dumps(tab)))
             self._stopped.wait(_SETTLE_S)
             if tab:
                 ask("Runtime.evaluate", expression=_SHOW_IMAGE)

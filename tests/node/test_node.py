@@ -219,7 +219,7 @@ class TestTopics:
     def test_a_timer_of_a_closed_node_is_a_bus_error(self, node: Node) -> None:
         """It would never be called."""
         node.close()
-        with pytest.raises(BusError, match="could not create a timer: node .* is closed"):
+        with pytest.raises(BusError, match=r"could not create a timer: node .* is closed"):
             node.create_timer(0.1, lambda: None)
 
     def test_publishing_on_a_closed_node_is_a_bus_error(self, node: Node) -> None:

@@ -67,8 +67,9 @@ _WRITTEN_WITHIN_S = 60.0
 class _Gap:
     """A gap between two log times, and how much of it is filled.
 
-    `lost_ns` is when the token was lost (or a pause of ours began), or only messages of `stream`. `place` is where its next
-    page begins, `ahead_ns` how far the keeper's clock is ahead of log times here.
+    `lost_ns` is when the token was lost, or a pause of ours began, or only messages of `stream`
+    were lost. `place` is where its next page begins, `ahead_ns` how far the keeper's clock is ahead
+    of log times here.
     """
 
     from_ns: int

@@ -53,7 +53,7 @@ CLOSE_NOTES = (
     "document.querySelectorAll('.mantine-Notification-closeButton')"
     ".forEach(button => button.click())"
 )
-# Opens a tab by its title, as its key does; then the first image in it, which may be below controls.
+# Open a tab by its title, as its key does; show the first image in it, which controls are above.
 OPEN_TAB = (
     "[...document.querySelectorAll('[role=tab]')].find(tab => tab.textContent.trim() === {})"
     "?.dispatchEvent(new KeyboardEvent('keydown', {{key: 'Enter', bubbles: true}}))"

@@ -292,6 +292,15 @@ def test_an_edge_that_would_close_a_loop_is_refused():
         buffer.set_transform(moved(0, "a", "a", 1.0))
 
 
+def test_a_frame_is_seen_from_itself_and_never_its_own_parent():
+    """A lookup of a frame from itself has an answer, which no buffer takes as an edge."""
+    buffer = filled(moved(100, "world", "robot", 1.0))
+    answer = buffer.lookup_transform("robot", "robot")
+    assert (answer.frame_id, answer.child_frame_id) == ("robot", "robot")
+    with pytest.raises(InvalidArgumentException, match="own parent"):
+        buffer.set_transform(answer)
+
+
 def test_static_frames_hold_at_all_times():
     """A static transform answers at any time, and does not hold back the latest one."""
     buffer = filled(moved(100, "world", "robot", 1.0), moved(200, "world", "robot", 2.0))

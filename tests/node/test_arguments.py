@@ -45,6 +45,22 @@ def test_settings_in_the_place_of_the_name_are_refused() -> None:
         Node(settings)
 
 
+def test_arguments_as_in_tf2_are_answered_with_the_right_call(node: Node) -> None:
+    """In the order, and by the names, of tfbus; a subclass of Buffer may have such an argument."""
+    buffer: Any = Buffer
+    with pytest.raises(TypeError, match=r"call it as in Buffer\(cache_time_s=10.0\)"):
+        buffer(cache_time=10.0)
+    static: Any = StaticTransformBroadcaster(node)
+    with pytest.raises(TypeError, match=r"as in send_transform\(TransformStamped\(stamp_ns, "):
+        static.send_transform("map", "base", at().transform)
+
+    class Mine(Buffer):
+        def __init__(self, cache_time: float) -> None:
+            super().__init__(cache_time)
+
+    assert Mine(cache_time=3.0).cache_time_s == 3.0
+
+
 def test_a_closed_node_says_so_by_its_name(node: Node) -> None:
     """Whatever it is used for."""
     static, dynamic = StaticTransformBroadcaster(node), TransformBroadcaster(node)

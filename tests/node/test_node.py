@@ -217,6 +217,12 @@ class TestTopics:
         with pytest.raises(InvalidNameError):
             node.create_subscription(Pose, "turtle1//pose", print)
 
+    def test_a_timer_of_a_closed_node_is_a_bus_error(self, node: Node) -> None:
+        """It would never be called."""
+        node.close()
+        with pytest.raises(BusError, match=r"could not create a timer: node .* is closed"):
+            node.create_timer(0.1, lambda: None)
+
     def test_publishing_on_a_closed_node_is_a_bus_error(self, node: Node) -> None:
         """A publisher of a node that is closed says so."""
         publisher = node.create_publisher(Number, "count")

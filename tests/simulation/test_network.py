@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -302,6 +303,23 @@ def test_a_mistake_is_explained(network: Network, mistake: object, sentence: str
     _tree(network, "robot", "arm")
     with pytest.raises(SimulationError, match=sentence):
         mistake(network)  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("call", "right"),
+    [
+        (lambda network: network.path("robot", "robot", delay=0.1), "delay_s=0.02"),
+        (lambda network: network.host("robot", offset=0.1), "offset_s=0.3"),
+        (lambda network: network.run(until=lambda: True, timeout=1.0), "timeout_s=60.0"),
+    ],
+)
+def test_another_name_of_an_argument_is_answered_with_the_right_one(
+    network: Network, call: Callable[[Network], object], right: str
+) -> None:
+    """As a call that has it."""
+    network.host("robot")
+    with pytest.raises(TypeError, match=f"call it as in network.*{right}"):
+        call(network)
 
 
 def test_a_fault_that_there_is_not_is_refused(network: Network) -> None:

@@ -214,6 +214,19 @@ def test_the_bounds_of_colours_are_chosen_or_those_in_the_message(buffer: Buffer
     assert points_of("flat", SETTINGS, buffer).span is None
 
 
+def test_equal_numbers_have_the_middle_colour(buffer: Buffer) -> None:
+    """Not the first one, which is dark; numbers below and above keep the first and the last."""
+    layer = layer_of(PointCloud.from_xyz(2 * S, "base", np.zeros((3, 3)), heat=np.full(3, 100.0)))
+    layer.step(buffer, "map", 0.0, replace(SETTINGS, color="heat"))
+    [placed] = layer.placed.values()
+    [points] = placed.item.shapes
+    assert isinstance(points, Points)
+    scale = points_of("heat", replace(SETTINGS, color_min=0.0, color_max=100.0), buffer).colors
+    assert abs(points.colors.astype(int) - scale[50]).max() <= 2
+    middle = points_of("heat", replace(SETTINGS, color_min=50.0, color_max=50.0), buffer).colors
+    assert (middle[:50] == scale[0]).all() and (middle[51:] == scale[100]).all()
+
+
 def test_points_are_as_wide_as_the_settings_say_in_millimetres_or_pixels(buffer: Buffer) -> None:
     """In the scene, or however far away they are."""
     for text, size_px in (("t:size=0.1", 0.0), ("t:size=100,pixels=3", 3.0)):
@@ -463,6 +476,20 @@ def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -
     buffer.set_transform(moved(S, "map", "hand", 1.0))
     layer.step(buffer, "map", 2.1, SETTINGS)
     assert scenes.note("map", frames) == ""
+
+
+def test_a_picture_of_the_page_shows_images_that_have_no_camera(buffer: Buffer) -> None:
+    """One with a camera is in the scene already, and a cloud is."""
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    image = Image.from_pixels(2 * S, "base", np.zeros((2, 3, 3), np.uint8))
+    camera = CameraInfo(2 * S, "base", 2, 3, k=np.diag((3.0, 3.0, 1.0)).ravel())
+    for message, known in ((cloud(2 * S), None), (image, camera)):
+        layer = scenes.layers["topic"] = layer_of(message)
+        layer.step(buffer, "map", 0.0, SETTINGS, known)
+        assert layer.placed and not scenes.has_pictures_without_camera
+    layer = scenes.layers["topic"] = layer_of(image)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    assert scenes.has_pictures_without_camera
 
 
 def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffer) -> None:

@@ -11,7 +11,7 @@ from tests.live_bus import Bus
 from tests.view.pages import Arm, View, eventually, start_view
 from tfbus.bus.presence import describe_nodes
 from tfbus.messages import Image, PointCloud, PoseStamped
-from tfbus.view.screenshot import CLOSE_NOTES
+from tfbus.view.screenshot import CLOSE_NOTES, OPEN_TAB
 
 pytestmark = pytest.mark.real
 
@@ -42,6 +42,19 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     assert {"points", "camera"} <= described.subscribes.keys()
     assert "others" not in described.subscribes
     assert view.errors == []
+
+
+def test_the_tab_with_the_images_is_opened_for_a_picture(bus: Bus, pages: Any) -> None:
+    """By its title, so that an image without a camera, which has no place in the scene, is seen."""
+    _, address = start_view(bus, "--topic", "camera")
+    robot = bus.node("robot")
+    images = robot.create_publisher(Image, "camera")
+    pixels = np.zeros((8, 8, 3), np.uint8)
+    robot.create_timer(0.1, lambda: images.publish(Image.from_pixels(1, "optical", pixels)))
+    view = View(pages.new_page(), address)
+    view.page.get_by_role("tab", name="Data").wait_for()
+    view.page.evaluate(OPEN_TAB.format('"Data"'))
+    view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
 
 
 def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) -> None:

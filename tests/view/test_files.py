@@ -92,7 +92,8 @@ def test_ctrl_c_ends_the_browser_too(bus: Bus, is_whole_group: bool, short_path:
     else:
         process.signal(SIGINT)
     assert process.wait() == 128 + SIGINT
-    assert [line for line in process.err if "View: http://" not in line] == process.out == []
+    said = [line for line in process.err if "View: http://" not in line]
+    assert said == [f"Loading the page for {short_path}/out.png ..."] and process.out == []
     eventually(lambda: not living_in(group))
     assert not [*short_path.glob("tmp*")]
 

@@ -101,7 +101,10 @@ class Buffer:
 
     __signature__ = SourceSignature()
 
-    def __cinit__(self, *_: object, **__: object) -> None:
+    def __cinit__(self, *_: object, **named: object) -> None:
+        # As in tf2; a subclass may have such an argument.
+        if "cache_time" in named and type(self) is Buffer:
+            raise TypeError("a Buffer has no cache_time; call it as in Buffer(cache_time_s=10.0)")
         # A subclass may forget to call `super().__init__()`: then it has the defaults.
         self._fill(10.0, TF2, SYSTEM_CLOCK, default_max_samples(10.0))
 
@@ -943,9 +946,9 @@ def _check_clock(clock: object) -> None:
 
 if not cython.compiled:
     # Cython calls `__cinit__` of its own accord.
-    def _new(cls: type[Buffer], *_: object, **__: object) -> Buffer:
+    def _new(cls: type[Buffer], *given: object, **named: object) -> Buffer:
         made = object.__new__(cls)
-        made.__cinit__()
+        made.__cinit__(*given, **named)
         return made
 
     setattr(Buffer, "__new__", _new)  # noqa: B010  # a constructor for mypy otherwise

@@ -498,6 +498,8 @@ class TransformStamped:
     ) -> None:
         self._stamp_ns = check_stamp(stamp_ns, "stamp", _STAMP_COMES_FIRST)
         self._frame_id = check_frame_id(frame_id, "frame_id")
+        # It may be the parent's name: so is the answer to a lookup of a frame from itself. Buffers
+        # and broadcasters, which look at both anyway, refuse it.
         child = check_frame_id(child_frame_id, "child_frame_id")
         self._pose = pose_of(checked_transform(transform, "transform"))
         beyond = check_stamp(extrapolated_ns, "extrapolated_ns")

@@ -10,7 +10,7 @@ from tfbus.base import ros_names, scheduler
 from tfbus.base.arguments import called_as, check_callback, check_plain, seconds_to_wait
 from tfbus.base.callbacks import CallbackGroup
 from tfbus.base.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
-from tfbus.base.errors import ParameterError, SettingsError, TfbusError
+from tfbus.base.errors import BusError, ParameterError, SettingsError, TfbusError
 from tfbus.base.log import open_log
 from tfbus.base.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.bus import zenoh_library
@@ -511,9 +511,11 @@ class Node:
 
         The rate does not drift; periods that a call or an `async def` takes longer than are left
         out. Seconds are the node's clock's, unless another is given. Raises ValueError for a period
-        of 0 or less.
+        of 0 or less, BusError on a closed node.
         """
         zenoh_library.check_not_forked()
+        if self._closed:
+            raise BusError(f"could not create a timer: node {self.settings.name!r} is closed")
         call = "create_timer(period_s, callback)"
         check_seconds(call, period_s)
         check_callback(call, callback)

@@ -160,6 +160,7 @@ class StaticTransformBroadcaster:
     def __init__(self, node: Node, *, stream: str | None = None):
         self._stream = stream_of_node(node, stream)
 
+    @called_as("send_transform(TransformStamped(stamp_ns, frame_id, child_frame_id, transform))")
     def send_transform(self, transforms: Transforms) -> None:
         """Send one transform, several, or a batch, as `TransformBroadcaster.send_transform`."""
         if isinstance(transforms, TransformStamped):

@@ -16,6 +16,7 @@ from types import TracebackType
 from typing import Any
 
 from tfbus.base import scheduler
+from tfbus.base.arguments import called_as
 from tfbus.bus import zenoh_library
 from tfbus.testing.fabric import Fabric, Faults
 from tfbus.testing.links import Paths
@@ -96,6 +97,7 @@ class Network:
 
     # Hosts and processes
 
+    @called_as('network.host("robot", offset_s=0.3, drift_ppm=20.0)')
     def host(self, name: str, *, offset_s: float = 0.0, drift_ppm: float = 0.0) -> Host:
         """The host of this name, made the first time.
 
@@ -230,6 +232,7 @@ class Network:
 
     # Paths
 
+    @called_as('network.path("robot", "base", delay_s=0.02, loss=0.1, bytes_a_second=1e6)')
     def path(
         self,
         one: Host | str,
@@ -318,6 +321,7 @@ class Network:
 
     # Running
 
+    @called_as("network.run(2.0), or network.run(until=condition, timeout_s=60.0)")
     def run(
         self,
         seconds: float | None = None,

@@ -18,6 +18,7 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
 from tfbus.view.data.topics import DataSource, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
+from tfbus.view.panels.data import DataPanel
 from tfbus.view.panels.panel import Panel
 from tfbus.view.panels.pointing import Pointing
 from tfbus.view.replay import Replay
@@ -243,8 +244,10 @@ class Page:
                 if not self._is_held:
                     self._try_step()
 
-    def hold(self) -> None:
-        """Let all browsers see everything that is there now, and leave the page so."""
+    def hold(self) -> str:
+        """Let all browsers see everything that is there now, and leave the page so. Returns the
+        title of the tab that has images which are nowhere else, "" for none.
+        """
         if self.data:
             self.data.hold()
         if not self.view.settings.follow:
@@ -252,6 +255,7 @@ class Page:
         # The names of frames take their places when the cameras have.
         time.sleep(_NAMES_AFTER_S)
         self._is_held = True
+        return DataPanel.title if self.data and self.data.has_pictures_without_camera else ""
 
     def _try_step(self) -> None:
         # As of a callback: a moment that cannot be drawn may be followed by one that can.

@@ -53,6 +53,15 @@ CLOSE_NOTES = (
     "document.querySelectorAll('.mantine-Notification-closeButton')"
     ".forEach(button => button.click())"
 )
+# Open a tab by its title, as its key does; show the first image in it, which controls are above.
+OPEN_TAB = (
+    "[...document.querySelectorAll('[role=tab]')].find(tab => tab.textContent.trim() === {})"
+    "?.dispatchEvent(new KeyboardEvent('keydown', {{key: 'Enter', bubbles: true}}))"
+)
+_SHOW_IMAGE = (
+    "[...document.querySelectorAll('[role=tabpanel] img')]"
+    ".find(image => image.offsetParent)?.scrollIntoView({block: 'end'})"
+)
 
 
 class BrowserError(TfbusError):
@@ -86,10 +95,11 @@ class Screenshot:
         self._stopped = threading.Event()
         self._process: subprocess.Popen[str] | None = None
 
-    def begin(self, address: str, hold: Callable[[], object], on_end: Callable[[], object]) -> None:
+    def begin(self, address: str, hold: Callable[[], str], on_end: Callable[[], object]) -> None:
         """Take it on a thread of its own, then call `on_end()`.
 
-        Calls `hold()` first, which must stop all changes of the page.
+        Calls `hold()` first, which must stop all changes of the page, and returns the title of the
+        tab to open, "" for none.
         """
 
         def take() -> None:
@@ -124,7 +134,7 @@ class Screenshot:
         if self._error:
             raise BrowserError(f"no picture was taken: {self._error}") from self._error
 
-    def _take(self, address: str, hold: Callable[[], object]) -> bytes:
+    def _take(self, address: str, hold: Callable[[], str]) -> bytes:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
             try:
                 return self._picture(devtools_of(self._start_browser(address, profile)), hold)
@@ -163,7 +173,7 @@ class Screenshot:
                     os.killpg(process.pid, signal.SIGKILL)
                 process.wait()
 
-    def _picture(self, debugger: str, hold: Callable[[], object]) -> bytes:
+    def _picture(self, debugger: str, hold: Callable[[], str]) -> bytes:
         with connect(_page_of(debugger), max_size=None) as socket:
             numbers = itertools.count(1)
 
@@ -193,8 +203,12 @@ class Screenshot:
                 time.sleep(0.1)
             self._stopped.wait(self._after_s)
             ask("Runtime.evaluate", expression=CLOSE_NOTES)
-            hold()
+            tab = hold()
+            if tab:
+                ask("Runtime.evaluate", expression=OPEN_TAB.format(json.dumps(tab)))
             self._stopped.wait(_SETTLE_S)
+            if tab:
+                ask("Runtime.evaluate", expression=_SHOW_IMAGE)
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
 
 

@@ -412,15 +412,15 @@ def span_of(
 def colored(numbers: NDArray[Any], span: tuple[float, float]) -> Rgb:
     """Colours (N, 3) of numbers (N,), from the first to the last of a span, which may be downwards.
 
-    Numbers that are not finite are grey.
+    Numbers that are not finite are grey; of a span without length its number has the middle colour.
     """
     values = numbers.astype(np.float64)
     finite = np.isfinite(values)
     colors = np.full((len(values), 3), 128, np.uint8)
     low, high = span
     with np.errstate(over="ignore", invalid="ignore"):
-        wide = high - low
-        parts = (values[finite] - low) / (wide if abs(wide) > 1e-9 else 1e-9)
+        wide, above = high - low, values[finite] - low
+        parts = above / wide if abs(wide) > 1e-9 else 0.5 + above / 1e-9
     steps = np.nan_to_num(np.clip(parts, 0.0, 1.0) * 255.0).astype(np.uint8)
     colors[finite] = _TABLE[steps]
     return colors

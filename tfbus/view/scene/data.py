@@ -191,6 +191,12 @@ class DataScenes:
         """Leave everything as it is, for a picture."""
         self._is_held = True
 
+    @property
+    def has_pictures_without_camera(self) -> bool:
+        """Whether an image is to be seen in the panel only, as no camera is known for the scene."""
+        layers = list(self.layers.values())
+        return any(each.picture is not None and not each.placed for each in layers)
+
     def warn_of(self, topics: Iterable[str]) -> None:
         """Log of each of these topics, once, why nothing of it is drawn, if nothing is."""
         for topic in topics:

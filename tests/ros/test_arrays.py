@@ -58,6 +58,30 @@ def test_an_array_and_a_list_of_the_same_numbers_are_the_same_bytes() -> None:
             assert codec(name).decode(data)["x"] == numbers.tolist()
 
 
+@pytest.mark.parametrize("count", [16_383, 16_384, 16_389, 40_001])
+def test_numbers_behind_large_arrays_are_aligned(count: int) -> None:
+    """Arrays that are joined with the rest at the end have the same bytes as lists, two as well."""
+    fields = "uint8[] octets\nfloat64 x\nint16[] numbers\nstring text\nint8[] more\nint64 last\n"
+    of_all = MessageCodec.of_definition(Definition("a/msg/Mixed", fields))
+    octets = np.arange(count).astype(np.uint8)
+    numbers = np.arange(count).astype(np.int16)
+    more = octets.view(np.int8)
+    rest = {"x": 0.5, "text": "abc", "last": -(2**60)}
+
+    def encoded(octets: Any, numbers: Any, more: Any) -> bytes | None:
+        arrays = {"octets": octets, "numbers": numbers, "more": more}
+        order = ("octets", "x", "numbers", "text", "more", "last")
+        return of_all.encode({name: (rest | arrays)[name] for name in order})
+
+    data = encoded(octets, numbers, more)
+    assert data is not None
+    assert data == encoded(octets.tobytes(), numbers.tolist(), more.tolist())
+    read = of_all.decode(data, arrays=True)
+    assert {name: read[name] for name in rest} == rest
+    assert bytes(read["octets"]) == octets.tobytes()
+    assert (read["numbers"] == numbers).all() and (read["more"] == more).all()
+
+
 def test_a_message_in_the_other_byte_order_has_the_same_array() -> None:
     """The array is in this machine's order."""
     data = b"\0\0\0\0" + struct.pack(">B3xI2fB", 1, 2, 0.5, 1.5, 2)

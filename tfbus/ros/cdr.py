@@ -30,14 +30,39 @@ _OTHER_ENCODINGS = {
 _MOST_PADDING = 3
 
 _U32 = struct.Struct("<I")
-_ZEROS = b"\0" * 8
+_MOST_ALIGNED = 8
+_ZEROS = bytes(_MOST_ALIGNED)
+
+_LARGE = 16 * 1024
 
 
 class CdrWriter:
-    """Writes one message, field after field."""
+    """Writes one message, field after field.
+
+    `data` is its end: large memory, and all before it, are joined with that by `message` alone.
+    Alignment counts by the length of `data`, which therefore begins with bytes that stand for the
+    former ones.
+    """
 
     def __init__(self) -> None:
         self.data = bytearray(HEADER)
+        self._former: list[memoryview] = []
+        self._stand_in = 0
+
+    def message(self) -> bytes:
+        """The whole message."""
+        return b"".join((*self._former, memoryview(self.data)[self._stand_in :]))
+
+    def memory(self, numbers: memoryview) -> None:
+        """The memory of numbers, aligned already, and maybe large: to copy a megabyte once more
+        takes longer than all the rest.
+        """
+        if numbers.nbytes < _LARGE:
+            self.data += numbers
+            return
+        self._former += (memoryview(self.data)[self._stand_in :], numbers)
+        self._stand_in = (len(self.data) + numbers.nbytes) % _MOST_ALIGNED
+        self.data = bytearray(self._stand_in)
 
     def align(self, size: int) -> None:
         """Fill up to a multiple of `size` bytes, a power of two."""

@@ -137,7 +137,7 @@ def encode_nodes(info: ParticipantNodes, gid_size: int = GID_SIZE) -> bytes:
             writer.count(len(gids))
             for gid in gids:
                 writer.data += gid.ljust(gid_size, b"\0")
-    return bytes(writer.data)
+    return writer.message()
 
 
 def decode_nodes(payload: bytes, gid_size: int = GID_SIZE) -> ParticipantNodes:

@@ -332,7 +332,7 @@ class MessageCodec:
             self._codec.write(writer, values if type(values) is dict else dict(values))
         except (UnfitError, struct.error, OverflowError, UnicodeEncodeError):
             return None
-        return bytes(writer.data)
+        return writer.message()
 
     def encode_fitted(self, values: Mapping[str, Any]) -> bytes | None:
         """As `encode`, of values of a program, which may be made to fit: floats are rounded to 32

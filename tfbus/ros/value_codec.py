@@ -244,7 +244,7 @@ def _sequence_codec(sequence: Sequence, made: dict[str, ValueCodec]) -> ValueCod
         writer.count(len(array))
         if len(array):
             writer.align(array.itemsize)
-            writer.data += np.ascontiguousarray(array).data.cast("B")
+            writer.memory(np.ascontiguousarray(array).data.cast("B"))
 
     def read(reader: ValueReader) -> Any:
         count = reader.count(least) if size is None else size
@@ -301,7 +301,8 @@ class _Items:
 
 
 def _write_octets(writer: CdrWriter, value: Any) -> None:
-    writer.data += value if type(value) is bytes else memoryview(value)
+    view = memoryview(value)
+    writer.memory(view if view.c_contiguous else memoryview(view.tobytes()))
 
 
 def _read_octets(reader: ValueReader, count: int) -> bytes | memoryview:
@@ -330,7 +331,7 @@ def _numbers_codec(scalar: Scalar) -> _Items:
             if _NATIVE == "<":
                 writer.align(size)
                 view = memoryview(value)
-                writer.data += view.cast("B") if view.c_contiguous else view.tobytes()
+                writer.memory(view.cast("B") if view.c_contiguous else memoryview(view.tobytes()))
                 return
             value = value.tolist()
         if name == "float32" or set(map(type, value)) != {plain}:

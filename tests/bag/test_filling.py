@@ -352,6 +352,27 @@ def test_of_three_recorders_of_a_robot_the_last_one_is_asked(
     assert "not filled" not in process.stderr
 
 
+@pytest.mark.parametrize("is_suspended", [False, True])
+def test_a_recorder_that_did_not_run_fills_that_time(
+    bus: Bus, robot: Robot, tmp_path: Path, is_suspended: bool
+) -> None:
+    """Stopped, or with its laptop suspended, for longer than a link is silent before it is lost."""
+    network, path = bus.network, tmp_path / "base.mcap"
+    process = recording_of_base(bus, path)
+    network.run(50.0)
+    network.stop(process.process)
+    network.run(90.0)
+    if is_suspended:
+        process.process.host.suspended_ns += 90 * S
+    network.go_on(process.process)
+    network.run(until=lambda: "Filled the" in process.stderr, timeout_s=120.0)
+    network.run(10.0)
+    assert process.stop() == 0
+    # Messages that came until its link was lost were received when it went on.
+    came = sorted(stamps_in(path))
+    assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
+
+
 def test_what_is_kept_has_bounds(tmp_path: Path) -> None:
     """Of files beyond a size or a time the oldest go, those of an earlier recording first; the one
     that grows stays.

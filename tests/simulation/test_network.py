@@ -120,9 +120,13 @@ def test_a_stopped_process_is_gone_until_it_goes_on(network: Network) -> None:
     network.run(until=lambda: eye.sees("arm"))
 
 
-def test_a_listener_that_was_stopped_gives_others_time(network: Network) -> None:
-    """A process that did not run for a while takes no publisher for gone or stale: neither at
-    once nor later, but the publisher and the node that left meanwhile, and them soon.
+@pytest.mark.parametrize("is_suspended", [False, True])
+def test_a_listener_that_did_not_run_gives_others_time(
+    network: Network, is_suspended: bool
+) -> None:
+    """A process that was stopped for a while, or whose laptop was suspended, takes no publisher for
+    gone or stale: neither at once nor later, but the publisher and the node that left meanwhile,
+    and them soon.
     """
     _tree(network, "robot", "arm")
     left = _tree(network, "robot", "left")
@@ -141,6 +145,8 @@ def test_a_listener_that_was_stopped_gives_others_time(network: Network) -> None
     network.run(1.0)
     network.kill(left)
     network.run(9.0)
+    if is_suspended:
+        eye.host.suspended_ns += 10 * 10**9
     network.go_on(eye)
     network.run(until=lambda: ("frame gone", "left") in told and ("node left", "/left") in told)
     network.run(10.0)

@@ -172,12 +172,14 @@ class Filling:
         self._log = log
         self._once = LogOnce(log)
         self._executor = Executor("filling", log)
+        own_pauses().watch(self._executor)
         self._turns = PagesInTurn(self._executor, most=4)
         # By the prefix of their keys: a namespace needs one recorder.
         self._keepers: dict[str, _Keeper] = {}
         # When streams and nodes were lost, their full names, and whether they may be of this host.
         self._lost: deque[tuple[int, str, bool]] = deque(maxlen=_MOST_LOST)
-        self._began_ns = recorder.now_ns()
+        # From this log time on the messages that come are noted.
+        self._noted_from_ns = 0
         capture.on_lost = self._note_lost
         recorder.on_outage = self._note_outage
         key = ALL_KEEPERS_EVERYWHERE if everywhere else ALL_KEEPERS
@@ -244,6 +246,7 @@ class Filling:
             if not alive or not self._has_room():
                 return
             keeper = self._keepers[prefix] = _Keeper(key, self._name_of(key))
+            self._noted_from_ns = self._noted_from_ns or self._recorder.now_ns()
             self._note_received()
         if keeper.key != key:
             if not alive:
@@ -257,9 +260,9 @@ class Filling:
             return
         keeper.is_there = alive
         if not alive:
-            # Stopped, we did not hear it either.
-            unheard_ns = int(own_pauses().unheard_s() * 1e9)
-            keeper.lost_ns = self._recorder.now_ns() - unheard_ns
+            # A pause of this process itself, in which it received nothing, belongs to the gap.
+            paused_ns = round(own_pauses().since_s() * 1e9)
+            keeper.lost_ns = self._recorder.now_ns() - paused_ns
             if keeper.asking is not None:
                 keeper.asking.close()
             if keeper.beside:
@@ -292,7 +295,7 @@ class Filling:
         return True
 
     def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:
-        gap.from_ns = max(gap.from_ns, self._began_ns)
+        gap.from_ns = max(gap.from_ns, self._noted_from_ns)
         if not keeper.add(gap):
             return
         length = duration((gap.until_ns - _OVERLAP_NS - gap.lost_ns) / 1e9)
@@ -335,6 +338,7 @@ class Filling:
             self._fill_later(keeper, _AFTER_S - ended_s)
             return
         written: list[tuple[Page, Future[object]]] = []
+        asked_ns = 0
 
         def take_written() -> bool:
             return all(self._take_written(keeper, gap, *written.pop()) for _ in [*written])
@@ -344,13 +348,16 @@ class Filling:
             if not take_written():
                 asking.close()
                 raise BusError("a page could not be written")
-            now_ns = self._recorder.now_ns()
+            nonlocal asked_ns
+            now_ns = asked_ns = self._recorder.now_ns()
             from_s, until_s = ((now_ns - each) / 1e9 for each in (gap.from_ns, gap.until_ns))
             return kept_selector(keeper.key, from_s, max(until_s, 0.0))
 
         def take(page: Page, _: str) -> None:
             if gap.ahead_ns is None:
-                gap.ahead_ns = page.now_ns - self._recorder.now_ns() if page.now_ns else 0
+                # The page waits for a narrow link, and messages of now wait for less.
+                then_ns = (asked_ns + self._recorder.now_ns()) // 2
+                gap.ahead_ns = page.now_ns - then_ns if page.now_ns else 0
             raws = self._raws(page.messages, gap)
             filled = self._recorder.fill(raws, gap.fill, self._again_ns(keeper))
             written.append((page, filled))
@@ -435,6 +442,8 @@ class Filling:
         found = []
         for message in messages:
             log_ns = max(message.log_ns - (gap.ahead_ns or 0), 0)
+            if log_ns < self._noted_from_ns:
+                continue
             if not gap.from_ns - _BEFORE_NS <= log_ns <= gap.until_ns + _BEFORE_NS:
                 self._once.warning("time", "Left out a message that was kept of another time")
                 continue

@@ -379,6 +379,8 @@ class MissedMessages:
 
 # Messages that have come are known for this time, and longer while a gap may be filled.
 _KNOWN_NS = 60_000_000_000
+# Longer times without messages, as where the recorder was stopped, make none older.
+_LONGEST_WITHOUT_NS = 5_000_000_000
 _MOST_KNOWN = 1_000_000
 
 # Log times of a message that came twice differ by less: of two recorders, and by the link. Dynamic
@@ -409,6 +411,8 @@ class Received:
         self.is_held = False
         self._log_ns: dict[tuple[str, int], list[int]] = {}
         self._order: deque[tuple[int, tuple[str, int]]] = deque()
+        # The log time of the last message, and that of before which messages are forgotten.
+        self._last_ns = self._known_from_ns = 0
 
     def add(self, item: TransformItem | TopicItem, data: bytes) -> None:
         """Note a message that has come, and its bytes in the file."""
@@ -416,7 +420,12 @@ class Received:
         insort(self._log_ns.setdefault(key, []), log_ns)
         order = self._order
         order.append((log_ns, key))
-        while len(order) > _MOST_KNOWN or (not self.is_held and order[0][0] < log_ns - _KNOWN_NS):
+        if len(order) == 1:
+            self._last_ns, self._known_from_ns = log_ns, log_ns - _KNOWN_NS
+        later_ns = max(log_ns - self._last_ns, 0)
+        self._last_ns += later_ns
+        self._known_from_ns += min(later_ns, _LONGEST_WITHOUT_NS)
+        while len(order) > _MOST_KNOWN or (not self.is_held and order[0][0] < self._known_from_ns):
             self._remove(*order.popleft())
 
     def has(self, item: TransformItem | TopicItem, data: bytes, fill: Fill) -> bool:
@@ -425,10 +434,9 @@ class Received:
         times = self._log_ns.get(key)
         if not times:
             return False
-        is_alone = len(times) == 1
-        within_ns = _SAME_WITHIN_NS if is_alone else _SAME_AGAIN_WITHIN_NS
-        if is_alone and isinstance(item, TransformItem) and not item.static:
-            within_ns = _KNOWN_NS
+        if isinstance(item, TransformItem) and item.seq is not None:
+            return True  # a stopped recorder takes it long after it has come
+        within_ns = _SAME_WITHIN_NS if len(times) == 1 else _SAME_AGAIN_WITHIN_NS
         first = bisect_left(times, item.log_ns - within_ns)
         end = bisect_right(times, item.log_ns + within_ns)
         left = [log_ns for log_ns in times[first:end] if (key, log_ns) not in fill.met]

@@ -1,4 +1,4 @@
-"""The pauses of this process itself: stopped, or without a CPU, it hears nobody.
+"""The pauses of this process itself: stopped, suspended, or without a CPU, it hears nobody.
 
 After one its links are lost, since others have not heard it either, and are there again seconds
 later. So the silence of others in that time, and until then, says nothing about them.
@@ -31,22 +31,20 @@ class OwnPauses:
 
     def watch(self, executor: Executor) -> None:
         """Look from now on, until the executor is closed; one look of several is enough."""
-        self._looked_s = scheduler.monotonic()
+        self._looked_s = scheduler.boot_time()
         executor.every(_LOOK_EVERY_S, self._look)
 
     def left_s(self) -> float:
         """For how many seconds others have to be heard yet before they can be judged; mostly 0."""
-        now_s = scheduler.monotonic()
+        now_s = scheduler.boot_time()
         if now_s - self._looked_s > _LOOK_EVERY_S + _LATE_S:
             self._began_s, self._ended_s = self._looked_s, now_s
         since_s = now_s - self._ended_s
         return _LINKED_WITHIN_S - since_s if 0.0 <= since_s < _LINKED_WITHIN_S else 0.0
 
-    def unheard_s(self) -> float:
-        """For how many seconds it may not have heard others, since its last pause began; 0 once
-        its links can be there again.
-        """
-        return scheduler.monotonic() - self._began_s if self.left_s() else 0.0
+    def since_s(self) -> float:
+        """How many seconds ago the last pause began, while others have to be heard yet; else 0."""
+        return scheduler.boot_time() - self._began_s if self.left_s() else 0.0
 
     def after(
         self,
@@ -68,7 +66,7 @@ class OwnPauses:
 
     def _look(self) -> None:
         self.left_s()  # notices a pause
-        self._looked_s = scheduler.monotonic()
+        self._looked_s = scheduler.boot_time()
 
 
 def own_pauses() -> OwnPauses:

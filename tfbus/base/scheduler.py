@@ -23,6 +23,15 @@ monotonic_ns = time.monotonic_ns
 time_ns = time.time_ns
 sleep = time.sleep
 
+# On Linux and macOS `time.monotonic` stands still while the system is suspended.
+_BOOT_CLOCK = getattr(time, "CLOCK_BOOTTIME", getattr(time, "CLOCK_MONOTONIC", None))
+
+
+def boot_time() -> float:
+    """A clock that never goes back, in s, and goes on while the system is suspended."""
+    return time.monotonic() if _BOOT_CLOCK is None else time.clock_gettime(_BOOT_CLOCK)
+
+
 # Threads, and their locks and events.
 Condition = threading.Condition
 Event = threading.Event

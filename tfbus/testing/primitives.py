@@ -357,9 +357,13 @@ def scheduler_names(tasks: Tasks) -> dict[str, Any]:
     def sleep(seconds: float) -> None:
         tasks.wait("the end of a sleep", max(seconds, 0.0))
 
+    def monotonic_ns() -> int:
+        return tasks.now_ns + 1000 * 10**9 - process().host.suspended_ns
+
     return {
-        "monotonic": lambda: tasks.now_ns / 1e9 + 1000.0,
-        "monotonic_ns": lambda: tasks.now_ns + 1000 * 10**9,
+        "monotonic": lambda: monotonic_ns() / 1e9,
+        "monotonic_ns": monotonic_ns,
+        "boot_time": lambda: tasks.now_ns / 1e9 + 2000.0,
         "time_ns": lambda: process().host.time_ns(),
         "sleep": sleep,
         "Lock": partial(Lock, tasks),

@@ -42,6 +42,8 @@ class Host:
         self.drift_ppm = drift_ppm
         self.first_clock = offset_s, drift_ppm
         self._offset_ns = round(offset_s * 1e9)
+        # The time in which it was suspended: its monotonic clock stood still.
+        self.suspended_ns = 0
         self._read_ns = 0
         self.processes: list[Process] = []
 

@@ -23,9 +23,9 @@ _HEAD = """\
 
 All commands and their options, generated from the commands themselves by `make docs-api`.
 `tfbus COMMAND --help` says more, with examples, `--help-all` has the options of every node. It
-exits with 0 on success, 1 if it failed, 2 if called wrongly: a mistake, a missing file, no terminal.
-Commands that [join the bus](#options-of-every-command-that-joins-the-bus) have `[NODE_OPTIONS]`;
-their help says which of the options they have that
+exits with 0 on success, 1 if it failed, 2 if called wrongly: a mistake, a missing file, no
+terminal. Commands that [join the bus](#options-of-every-command-that-joins-the-bus) have
+`[NODE_OPTIONS]`; their help says which of the options they have that
 [several share](#options-that-several-commands-share).
 """
 

@@ -5,6 +5,7 @@ import math
 import os
 import threading
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import tfbus
 from tests.builders import S, in_recording, moved
 from tfbus import Buffer, Transform, TransformStamped
 from tfbus.buffer import trajectories
+from tfbus.geometry.columns import Columns
+from tfbus.geometry.packed import pose_bytes
 from tfbus.inspect import Recorded
 from tfbus.recording.items import EventItem, EventKind, Item, TopicItem, TransformItem
 from tfbus.recording.writer import RecordingWriter
@@ -143,6 +146,19 @@ def test_samples(bag: tfbus.Recording) -> None:
     assert bag.samples("laser") == trajectories.samples(buffer, "laser")
     with pytest.raises(tfbus.LookupException, match="did you mean 'slow'"):
         bag.samples("slov")
+
+
+def test_samples_that_no_buffer_takes_are_left_out(tmp_path: Path) -> None:
+    """Files have what came: one that is not finite, or no rotation, does not spoil the others."""
+    items = [in_recording(T0 + i, [moved(T0 + i, "a", "b", i)]) for i in range(5)]
+    for i, pose in ((1, (math.nan, 0, 0, 0, 0, 0, 1)), (3, (3, 0, 0, 0, 0, 0, 2))):
+        rows = items[i].rows
+        spoilt = Columns.of_bytes(
+            rows.frames, rows.edges_bytes(), rows.stamps_bytes(), pose_bytes(pose)
+        )
+        items[i] = replace(items[i], rows=spoilt)
+    bag = tfbus.Recording(written(tmp_path / "a.mcap", items))
+    assert bag.samples("b").stamps_ns.tolist() == [T0, T0 + 2, T0 + 4]
 
 
 def test_frames(bag: tfbus.Recording) -> None:

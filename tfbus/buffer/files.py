@@ -23,8 +23,9 @@ from tfbus.base.names import mistake_in
 from tfbus.base.whole_file import replacing
 from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer, default_max_samples
-from tfbus.geometry.kernel import LONGEST_NS, NO_DATA, QUATERNION_TOLERANCE
+from tfbus.geometry.kernel import LONGEST_NS, NO_DATA
 from tfbus.geometry.sampling import Contents, Held, Pose, Sampling
+from tfbus.geometry.transform_array import are_valid
 
 FORMAT = "tfbus buffer"
 VERSION = 1
@@ -283,10 +284,7 @@ def _held(
 
 
 def _check_poses(poses: NDArray[np.float64]) -> None:
-    with np.errstate(all="ignore"):
-        square = (poses[:, 3:] ** 2).sum(axis=1)
-        is_valid = np.isfinite(poses).all(axis=1) & (np.abs(square - 1.0) < QUATERNION_TOLERANCE)
-    if not is_valid.all():
+    if not are_valid(poses).all():
         raise _Unusable("a pose is not finite, or its quaternion has not norm 1")
 
 

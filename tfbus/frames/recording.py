@@ -30,7 +30,7 @@ from tfbus.frames.samples import RecordedSamples, SampledSpan, only, poses_of
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.trajectory import Trajectory
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp, make_stamped
-from tfbus.geometry.transform_array import TransformArray
+from tfbus.geometry.transform_array import TransformArray, are_valid
 from tfbus.recording.items import (
     ALL,
     EventItem,
@@ -479,6 +479,8 @@ class Recording(AbstractContextManager["Recording"]):
                 first_ns, last_ns = FIRST_NS, LAST_NS
         stamps = np.concatenate([np.empty(0, np.int64), *(each.stamps_ns() for each in rows)])
         poses = np.concatenate([np.empty((0, 7)), *(poses_of(each) for each in rows)])
+        taken = are_valid(poses)  # no buffer takes the others
+        stamps, poses = stamps[taken], poses[taken]
         # The last of each stamp: the first of them in the reversed order.
         stamps, at = np.unique(stamps[::-1], return_index=True)
         poses = poses[::-1][at]

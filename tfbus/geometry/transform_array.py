@@ -489,6 +489,14 @@ def make_array(xyz: Floats, quat_xyzw: Floats) -> TransformArray:
     return self
 
 
+def are_valid(poses: Floats) -> NDArray[np.bool_]:
+    """Which of the poses (N, 7) are finite, with a quaternion of norm 1: (N,)."""
+    with np.errstate(all="ignore"):
+        square = (poses[:, 3:] ** 2).sum(axis=1)
+        valid: NDArray[np.bool_] = np.isfinite(poses).all(axis=1)
+        return valid & (np.abs(square - 1.0) < QUATERNION_TOLERANCE)
+
+
 def rotate(quat_xyzw: Floats, vectors: Floats) -> Floats:
     """Vectors (N, 3), each turned by the quaternion (N, 4) of its row."""
     axis, w = quat_xyzw[..., :3], quat_xyzw[..., 3:]

@@ -27,7 +27,7 @@ from tests.recording.foreign_files import (
 from tfbus.base.errors import DecodeError
 from tfbus.recording import foreign_files
 from tfbus.recording.foreign_files import opened
-from tfbus.recording.imported import Imported, imported
+from tfbus.recording.imported import ForeignChannel, ForeignMessage, Imported, imported
 from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
@@ -527,3 +527,14 @@ def test_the_metadata_of_a_folder_is_read_once(
     with pytest.raises(DecodeError), opened(tmp_path):
         pass
     assert len(reads) == 1
+
+
+@pytest.mark.parametrize("clock", [b"{}", b'{"clock": 5}', b'{"clock": {"sec": 1.5}}'])
+def test_a_clock_with_fields_of_its_own_is_left_out(clock: bytes) -> None:
+    """It is counted, and the others are imported."""
+    channel = ForeignChannel("/clock", "rosgraph_msgs/msg/Clock", "json")
+    counts = Imported()
+    sent = [clock, b'{"clock": {"sec": 1, "nanosec": 2}}']
+    (item,) = imported([ForeignMessage(START_NS, channel, data) for data in sent], counts)
+    assert isinstance(item, TopicItem) and item.values["stamp_ns"] == S + 2
+    assert counts.failed == {"/clock": 1}

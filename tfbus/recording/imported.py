@@ -339,7 +339,7 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
         values, encoded = decode(message.data)
         if is_clock:
             # ROS's simulated time says neither rate nor pause.
-            clock = {"stamp_ns": ns_of(values["clock"]), "rate": 1.0, "paused": False}
+            clock = {"stamp_ns": _stamp_of_clock(values), "rate": 1.0, "paused": False}
             return TopicItem(message.log_ns, topic, "Clock", clock)
         type_name, is_retained = channel.type_name, channel.retained
         if counterpart is not None and encoded is not None:
@@ -349,6 +349,13 @@ def _topic_of(channel: ForeignChannel, topic: str, decode: ValuesDecoder) -> _Re
         return TopicItem(message.log_ns, topic, type_name, values, encoded, is_retained)
 
     return read
+
+
+def _stamp_of_clock(values: Mapping[str, Any]) -> int:
+    try:
+        return ns_of(values["clock"])
+    except (AttributeError, KeyError, TypeError) as error:
+        raise DecodeError(f"a {_CLOCK} has other fields than ROS's own") from error
 
 
 def _check_stamps(rows: Columns) -> None:

@@ -493,8 +493,9 @@ def are_valid(poses: Floats) -> NDArray[np.bool_]:
     """Which of the poses (N, 7) are finite, with a quaternion of norm 1: (N,)."""
     with np.errstate(all="ignore"):
         square = (poses[:, 3:] ** 2).sum(axis=1)
-        valid: NDArray[np.bool_] = np.isfinite(poses).all(axis=1)
-        return valid & (np.abs(square - 1.0) < QUATERNION_TOLERANCE)
+        are_finite = np.isfinite(poses).all(axis=1)
+        valid: NDArray[np.bool_] = are_finite & (np.abs(square - 1.0) < QUATERNION_TOLERANCE)
+    return valid
 
 
 def rotate(quat_xyzw: Floats, vectors: Floats) -> Floats:

@@ -303,6 +303,18 @@ def test_tools_that_close_while_they_begin_to_watch_leave_nothing_open(
     assert ended.wait(5.0) and closed.wait(5.0)
 
 
+def test_a_message_behind_the_end_of_a_tool_starts_no_thread(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one that is received just then: nothing would end it."""
+    named = NamedMessages(bus.node("viewer"), lambda key, message, size: None)
+    named.close()
+    begun: list[str] = []
+    monkeypatch.setattr("tfbus.frames.named.Executor", lambda name, log: begun.append(name))
+    named.decode("tf/arm", numbered(1))
+    assert begun == []
+
+
 def test_tools_say_once_that_names_never_came(bus: Bus, capsys: pytest.CaptureFixture[str]) -> None:
     """They show the rows that have names."""
     arm, viewer = bus.node("arm"), bus.node("viewer")

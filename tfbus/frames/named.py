@@ -72,7 +72,7 @@ class NamedMessages:
         if dropped := self._pending.add(name, message.epoch_ns, receive, payload, of):
             self._once.warning("full", TOO_MANY_WAIT, dropped)
         with self._lock:
-            if self._executor is None:
+            if self._executor is None and not self._is_closed:
                 self._executor = Executor(f"{self._node.full_name} names", self._node.log)
                 # Not on a thread of Zenoh, which may hold locks.
                 self._executor.submit("names", self._start)

@@ -1,6 +1,5 @@
 """Files of other programs, with transforms and topics: bags of ROS 1 and 2, and MCAP."""
 
-import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -13,7 +12,7 @@ from typing import Any
 import yaml
 
 from tfbus.base.errors import DecodeError
-from tfbus.base.wording import printable
+from tfbus.base.wording import natural_order, printable
 from tfbus.recording.imported import (
     ForeignChannel,
     ForeignFile,
@@ -320,7 +319,7 @@ def _files_of(path: Path, stack: ExitStack) -> Iterator[ForeignFile]:
             path, mode = _unpacked(path, stack), ""
     found = sorted(
         (each for each in path.iterdir() if each.suffix in ENDINGS and each.is_file()),
-        key=lambda each: _with_numbers(each.name),
+        key=lambda each: natural_order(each.name),
     )
     if has_metadata and (not found or any(each.suffix != ".mcap" for each in found)):
         yield RosbagsFile(path)
@@ -378,10 +377,3 @@ def _metadata(folder: Path) -> Any:
         return None
     except RecursionError:
         raise DecodeError(f"{printable(str(path))} is nested too deeply") from None
-
-
-def _with_numbers(name: str) -> list[tuple[int, str]]:
-    """For sorting, so that part 10 comes after part 9."""
-    return [
-        (int(part) if part.isdecimal() else -1, part) for part in re.split(r"(\d+)", name) if part
-    ]

@@ -445,13 +445,15 @@ def _loops(claims: Claims) -> Iterator[Problem]:
     """The loops that the edges of living streams would close; a buffer refuses such an edge."""
     done: set[str] = set()
     for start in claims:
-        path: list[str] = []
+        path: dict[str, None] = {}
         stack = [(start, 0)]
         while stack:
             child, depth = stack.pop()
-            del path[depth:]
+            while len(path) > depth:
+                path.popitem()
             if child in path:
-                loop = path[path.index(child) :]
+                names = list(path)
+                loop = names[names.index(child) :]
                 sides = {who(stream): None for frame in loop for _, stream in claims[frame]}
                 yield Problem(
                     "loop",
@@ -460,6 +462,6 @@ def _loops(claims: Claims) -> Iterator[Problem]:
                     f"made by {' and '.join(sides)}: one of them has parent and child swapped",
                 )
             elif child not in done:
-                path.append(child)
+                path[child] = None
                 stack += [(parent, depth + 1) for parent, _ in claims.get(child, ())]
             done.add(child)

@@ -37,8 +37,8 @@ Python's lock, as with bare Zenoh; [more measures](performance-tables.md#the-bus
 
 ## Large messages
 
-Clouds of points on one host: the CPU of both ends over that of bare Zenoh by TCP, with callbacks on
-Zenoh's own thread, and the median latency. {large_place}
+Clouds of points on one host: CPU of both ends over bare Zenoh's by TCP, median latency. Bare Zenoh
+calls back with bytes; tfbus checks a message, on the node's thread. {large_place}
 
 {large}
 
@@ -47,7 +47,7 @@ Zenoh's own thread, and the median latency. {large_place}
 {beside}
 
 An hour of faults, `python -m benchmarks.soak`: every 5 s one of six publishers is killed and
-started again, every 120 s the router.
+restarted, every 120 s the router.
 
 ![Memory, open files and threads of three listeners over time](soak.svg)
 

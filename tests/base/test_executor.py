@@ -1,5 +1,6 @@
 """Executors: one thread, callbacks in order, whatever happens in them."""
 
+import asyncio
 import logging
 import sys
 import threading
@@ -246,6 +247,19 @@ def test_a_simulated_timer_does_not_tick_because_its_clock_is_closed(executor: E
     clock.close()
     finish(executor)
     assert ticks == [110]
+
+
+def test_a_cancelled_future_in_a_callback_is_a_failure(
+    executor: Executor, caplog: pytest.LogCaptureFixture
+) -> None:
+    """It is logged, as other errors: its exception is of another kind."""
+
+    def ask() -> None:
+        raise asyncio.CancelledError
+
+    executor.submit("asking", ask)
+    eventually(lambda: "A callback failed, 1 time so far (asking)" in caplog.text)
+    finish(executor)
 
 
 @pytest.mark.parametrize("is_async", [False, True])

@@ -53,6 +53,13 @@ class _Worker:
         return self.waited_s - before_s
 
 
+def _failures() -> tuple[type[BaseException], ...]:
+    """The errors of a callback; of the last two the thread would end without a word."""
+    asyncio = sys.modules.get("asyncio")  # which few callbacks need
+    cancelled = () if asyncio is None else (asyncio.CancelledError,)
+    return (Exception, SystemExit, *cancelled)
+
+
 class Executor:
     """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
@@ -337,7 +344,7 @@ class Executor:
             answer = callback()
             if answer is not None and isinstance(answer, Coroutine):
                 self._home._start_coroutine(what, answer)
-        except (Exception, SystemExit) as error:  # the latter would end the thread without a word
+        except _failures() as error:
             # An error by the end of the node is no failure.
             if not (self._closed and isinstance(error, TfbusError)):
                 self.note_failure(what)

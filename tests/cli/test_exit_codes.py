@@ -5,6 +5,13 @@ import pytest
 from tests.simulated_bus import Bus
 
 
+def test_a_word_after_a_launch_file_of_tfbus_may_be_an_argument(bus: Bus) -> None:
+    """It is sought in a package of that name, and the form of an argument is said too."""
+    done = bus.run("launch", "turtle", "headless")
+    assert done.returncode == 2
+    assert "no Python package 'turtle'; if 'headless' is an argument of turtle" in done.stderr
+
+
 @pytest.mark.parametrize(
     "words",
     [

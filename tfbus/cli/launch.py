@@ -63,7 +63,10 @@ def chosen_file(file: str, arguments: Sequence[str]) -> tuple[Path, tuple[str, .
             return find_in(file, arguments[0]), tuple(arguments[1:])
         return find_launch_file(file), tuple(arguments)
     except LaunchError as error:
-        raise SettingsError(str(error)) from error
+        hint = ""
+        if arguments and file in installed_launch_files():
+            hint = f"; if {arguments[0]!r} is an argument of {file}, write NAME:=VALUE"
+        raise SettingsError(f"{error}{hint}") from error
 
 
 def _has_files(package: str) -> bool:

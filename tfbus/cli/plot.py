@@ -106,10 +106,11 @@ def command(
     if output is None and not _has_display():
         raise click.UsageError("there is no display for a window: write a file with -o")
     if from_text is not None and bag is None:
-        if target is not None or for_s is not None or rate_hz is not None or sampling != Sampling():
+        is_of_file_alone = (target, for_s, rate_hz, sampling) == (None, None, None, Sampling())
+        if not is_of_file_alone:
             raise click.UsageError(
-                "--from plots all poses of a file: omit the frames, --for, --rate and --max-gap, or "
-                "give --bag"
+                "--from plots all poses of a file: omit the frames, --for, --rate and --max-gap, "
+                "or give --bag"
             )
         track = track_from_file(IN_FILE.convert(from_text, None, click.get_current_context()))
     elif target is None or source is None:

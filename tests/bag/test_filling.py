@@ -86,14 +86,14 @@ def stamps_in(path: Path) -> list[int]:
 
 
 def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path: Path) -> None:
-    """After ten minutes without a link, and another cut while the gap is filled: all that the robot
+    """After five minutes without a link, and another cut while the gap is filled: all that the robot
     recorded meanwhile is in the recording, once and in order, and no frame was gone.
     """
     network, path = bus.network, tmp_path / "base.mcap"
     process = recording_of_base(bus, path)
     network.run(20.0)
     begun = len(robot.sent)
-    for away_s in (600.0, 30.0):
+    for away_s in (300.0, 30.0):
         network.partition("robot", "base")
         network.run(away_s)
         network.heal()
@@ -105,7 +105,7 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     came = stamps_in(path)
     assert came == sorted(set(came))
     whole = [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
-    assert came == whole and len(came) > begun + 3000
+    assert came == whole and len(came) > begun + 1500
     items = items_of(path)
     flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
     assert abs(len(flags) - len(came) // 5) <= 1

@@ -86,7 +86,7 @@ def stamps_in(path: Path) -> list[int]:
 
 
 def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path: Path) -> None:
-    """After five minutes without a link, and another cut while the gap is filled: all that the robot
+    """After five minutes without a link, and another cut as the gap is filled: all that the robot
     recorded meanwhile is in the recording, once and in order, and no frame was gone.
     """
     network, path = bus.network, tmp_path / "base.mcap"

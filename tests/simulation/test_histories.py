@@ -37,6 +37,8 @@ _FAILED_ONCE = (
     (SMALL, 105, ()),
     # A stopped listener had the word of an ended process wait, and could not reach its successor.
     (SMALL, 625873032276, (0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 30)),
+    # The word of a process that waited so long ended the silence after its end: it lived for ever.
+    (SMALL, 803224780011, (0, 7, 9, 10, 12)),
 )
 
 

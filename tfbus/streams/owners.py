@@ -93,8 +93,12 @@ class Owners:
             displaced = (displaced or former.owner) if is_later else ""
         alive = former.alive or former.name in states.returning
         states.returning.pop(former.name, None)
+        # It does not end a silence: it may have waited while this process was stopped.
         states.change(
-            StreamState(former.name, alive, description, former.key, is_own, displaced, held)
+            StreamState(
+                *(former.name, alive, description, former.key, is_own, displaced, held),
+                silent=former.silent,
+            )
         )
         if former.owner and former.alive and sender != former.owner:
             self._recheck_later(former.key)

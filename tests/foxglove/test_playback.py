@@ -17,6 +17,7 @@ from tests.foxglove.playing import watching_transforms
 from tfbus import Fleet, TransformStamped
 from tfbus.foxglove.front import Serving
 from tfbus.foxglove.playback import PlaybackBridge
+from tfbus.foxglove.protocol import PlaybackControl
 from tfbus.geometry.columns import Columns
 from tfbus.messages import LaserScan
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
@@ -146,6 +147,17 @@ def test_a_seek_shows_where_everything_was(client: Client) -> None:
     eventually(lambda: x_of(client)[-1:] == [5.0])
     eventually(lambda: x_of(client, "/tf_static")[-1:] == [0.25])
     eventually(lambda: "/battery" in client.channels)
+
+
+def test_a_seek_is_answered_where_it_goes(recording: Path) -> None:
+    """Not where the player comes to before: it was on the way there."""
+    bridge = PlaybackBridge([recording], (START, END), Serving(port=0))
+    with Client(bridge.front.port) as client:
+        eventually(lambda: client.channels)
+        bridge.control(PlaybackControl(False, 1.0, START + 5 * S, "a"))
+        with watching_transforms(bridge):
+            [answer] = eventually(lambda: [it for it in client.playback if it.request_id == "a"])
+        assert answer.time_ns == START + 5 * S
 
 
 def test_a_seek_back_while_it_plays_goes_on_from_there(client: Client) -> None:

@@ -96,6 +96,12 @@ class Player(Playhead):
             self._is_stopped = True
             self.changed.notify_all()
 
+    @property
+    def is_seeking(self) -> bool:
+        """Whether it has been told to go elsewhere, and has not set out yet."""
+        with self.changed:
+            return self._seek_ns is not None
+
     # Playing
 
     def run(self, stage: Stage) -> None:

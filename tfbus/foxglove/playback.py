@@ -198,16 +198,16 @@ class PlaybackBridge(Requests):
         if seek_ns is None:
             (player.resume if request.is_play else player.pause)()
             return _state_of(player.progress, request_id=request.request_id)
-        self._request_id = request.request_id
-        player.seek(seek_ns, paused=not request.is_play)
+        with player.changed:
+            self._request_id = request.request_id
+            player.seek(seek_ns, paused=not request.is_play)
         return None
 
     # As a stage of the player, on its thread
 
     def begin(self, state: Sequence[Item], pace: Pace, *, is_back: bool) -> None:
         """Send the state in force, and the poses just before."""
-        request_id, self._request_id = self._request_id, None
-        progress = self.player.progress
+        request_id, progress = self._arrived(), self.player.progress
         self._server.tell_time(pace.log_ns)
         self._server.tell_playback(
             _state_of(progress, did_seek=self._has_begun, request_id=request_id, at_ns=pace.log_ns)
@@ -223,6 +223,14 @@ class PlaybackBridge(Requests):
         self._tell_nodes()
         with self._looking_back:
             self._send_past(pace.log_ns)
+
+    def _arrived(self) -> str | None:
+        """The request that it has come here by; a later one is answered elsewhere."""
+        with self.player.changed:
+            if self.player.is_seeking:
+                return None
+            request_id, self._request_id = self._request_id, None
+            return request_id
 
     def take(self, item: Item, pace: Pace) -> None:
         """Send an item."""

@@ -49,7 +49,7 @@ def test_a_peer_of_another_release_is_understood(bus: Bus, release: Path, python
     peer.wait_for_line(r"received tf_static/ours \['world', 'house'\]")
     peer.wait_for_line(r"received tf/ours \['world', 'robot'\]")
     peer.wait_for_line("token @tfbus/stream/ours SampleKind.PUT")
-    assert "sim" in {stream.name for stream in listener.streams() if stream.alive}
+    eventually(lambda: "sim" in {stream.name for stream in listener.streams() if stream.alive})
     spawn = node.create_client(Spawn, "spawn")
     assert spawn.call(Spawn.Request(1.0, 2.0), timeout_s=DEADLINE_S).name == "a text"
     peer.kill()

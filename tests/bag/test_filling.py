@@ -3,6 +3,7 @@
 import os
 import random
 import re
+import time
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 from tests.builders import S, at
 from tests.simulated_bus import Bus
 from tfbus import Node, NodeSettings, TransformBroadcaster
+from tfbus.bag import kept
 from tfbus.bag.filling import _Gap, _Keeper
 from tfbus.bag.keeping import Keep, PartsWritten
 from tfbus.bag.kept import alone_in
@@ -20,6 +22,7 @@ from tfbus.messages import Vector3
 from tfbus.recording.items import EventItem, Item, TopicItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
+from tfbus.testing.network import Network
 from tfbus.testing.programs import Program
 
 
@@ -371,6 +374,48 @@ def test_a_recorder_that_did_not_run_fills_that_time(
     # Messages that came until its link was lost were received when it went on.
     came = sorted(stamps_in(path))
     assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
+
+
+def test_pages_read_a_growing_file_as_a_whole_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, network: Network
+) -> None:
+    """Not for each page again: it has no index until it is whole. What was written since then is in
+    the pages of a later query.
+    """
+    opened: list[Path] = []
+
+    class Counted(RecordingReader):
+        def __init__(self, path: Path, **given: Any) -> None:
+            opened.append(path)
+            super().__init__(path, **given)
+
+    monkeypatch.setattr(kept, "RecordingReader", Counted)
+    path = tmp_path / "growing.mcap"
+    with RecordingWriter(path) as writer, network.process(network.host("robot"), "recorder"):
+        files = kept.KeptFiles(Node("recorder"), lambda: [path])
+        written: list[int] = []
+
+        def pages() -> list[list[int]]:
+            begin_ns, end_ns = 0, time.time_ns() - 2 * S
+            found = []
+            while True:
+                page = files.page(begin_ns, end_ns, 1_000)
+                found.append([message.log_ns for message in page.messages])
+                if not page.next:
+                    return found
+                begin_ns = int(page.next.partition(".")[0])
+
+        for opened_in_all in (2, 3):
+            for _ in range(100):
+                written.append(time.time_ns())
+                writer.write(TopicItem(written[-1], "noise", "", {"text": "x" * 50}))
+                network.run(0.01)
+            writer.flush()
+            network.run(2.0)
+            found = pages()
+            assert len(found) > 5 and [stamp for page in found for stamp in page] == written
+            assert len(opened) == opened_in_all
+        files.close()
 
 
 def test_what_is_kept_has_bounds(tmp_path: Path) -> None:

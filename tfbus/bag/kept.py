@@ -5,6 +5,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import NamedTuple
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
@@ -28,7 +29,9 @@ _LEAST_PAGE = 1_000
 _LARGEST_PAGE = 1_000_000
 
 # Received messages are on the disk after this time; later ones are not asked for.
-_WRITTEN_AFTER_S = 1.5
+_WRITTEN_AFTER_NS = 1_500_000_000
+
+_LAST_NS = 2**63 - 1
 
 # The spans of so many files are known.
 _MOST_FILES = 10_000
@@ -98,6 +101,14 @@ def kept_files(folder: Path) -> list[Path]:
     return [path for _, path in sorted(found)]
 
 
+class _Opened(NamedTuple):
+    """Files that were opened for a page, with all their items up to a log time."""
+
+    paths: list[Path]
+    until_ns: int
+    reader: RecordingReader
+
+
 class KeptFiles:
     """Serves the items of recordings, page by page, until `close()`.
 
@@ -111,6 +122,11 @@ class KeptFiles:
         self._lock = scheduler.Lock()
         # The first and last log times of files that are whole.
         self._spans: Bounded[Path, tuple[int, int]] = Bounded(_MOST_FILES)
+        # The file that grows, and its first log time.
+        self._growing: tuple[Path, int] | None = None
+        # Of the page before, if another one follows: a file that grows has no index, and is read as
+        # a whole to be opened.
+        self._opened: _Opened | None = None
         session = node.session
         self._declared = [
             session.queryable(self._key, self._on_query, long=True),
@@ -121,6 +137,31 @@ class KeptFiles:
         """Serve nothing from now on. Twice is fine."""
         for each in reversed(self._declared):
             each.close()
+        self._keep(None)
+
+    def _keep(self, opened: _Opened | None) -> None:
+        """Keep these files open for the next page, and no others."""
+        with self._lock:
+            former, self._opened = self._opened, opened
+        if former is not None:
+            former.reader.close()
+
+    @contextmanager
+    def _reader(self, paths: list[Path], end_ns: int) -> Iterator[RecordingReader]:
+        """A reader of files that has all their items up to a log time."""
+        with self._lock:
+            opened, self._opened = self._opened, None
+        if opened is not None and (opened.paths != paths or end_ns > opened.until_ns):
+            opened.reader.close()
+            opened = None
+        if opened is None:
+            until_ns = scheduler.time_ns() - _WRITTEN_AFTER_NS
+            reader = RecordingReader(*paths, on_damage=lambda part, damage: None)
+            opened = _Opened(paths, until_ns, reader)
+        try:
+            yield opened.reader
+        finally:
+            self._keep(opened)
 
     def _on_query(self, query: Query) -> None:
         with suppress(BusError), query.answering("what is kept"):
@@ -132,6 +173,8 @@ class KeptFiles:
             most = int(_number(query, "page", _LARGEST_PAGE))
             most = min(max(most, _LEAST_PAGE), _LARGEST_PAGE)
             page = self.page(begin_ns, end_ns, most, selection)
+            if not page.next:
+                self._keep(None)
             query.answer(self._key, encode_page(page._replace(now_ns=now_ns)))
 
     def page(self, begin_ns: int, end_ns: int, most_bytes: int, selection: Selection = ALL) -> Page:
@@ -156,7 +199,7 @@ class KeptFiles:
         state = BusState()
         # One after the other: a page is mostly of one file, and there may be hundreds.
         for paths in self._in_turn(begin_ns, end_ns):
-            with RecordingReader(*paths, on_damage=lambda part, damage: None) as reader:
+            with self._reader(paths, end_ns) as reader:
                 for item in reader.items(begin_ns, end_ns, selection):
                     # Each file begins with the state in force.
                     if not state.says(item):
@@ -165,7 +208,8 @@ class KeptFiles:
 
     def _in_turn(self, begin_ns: int, end_ns: int) -> Iterator[list[Path]]:
         """The files with items between two log times; together the files whose spans overlap."""
-        found = [(span, path) for path in self._paths() if (span := self._span_of(path))]
+        paths = self._paths()
+        found = [(span, path) for path in paths if (span := self._span_of(path, paths[-1]))]
         group: list[Path] = []
         until_ns = -1
         for (from_ns, to_ns), path in sorted(found):
@@ -179,16 +223,20 @@ class KeptFiles:
         if group:
             yield group
 
-    def _span_of(self, path: Path) -> tuple[int, int] | None:
+    def _span_of(self, path: Path, last: Path) -> tuple[int, int] | None:
         with self._lock:
-            span = self._spans.get(path)
+            span, growing = self._spans.get(path), self._growing
+        if span is None and path == last and growing is not None and growing[0] == path:
+            return growing[1], _LAST_NS
         if span is None:
             try:
                 with RecordingReader(path) as reader:
                     span = reader.start_ns, reader.end_ns
-                    if reader.is_complete:
-                        with self._lock:
+                    with self._lock:
+                        if reader.is_complete:
                             self._spans[path] = span
+                        elif path == last:
+                            self._growing = path, span[0]
             except (TfbusError, OSError):
                 return None  # it was deleted, or has only begun
         return span
@@ -232,7 +280,7 @@ def _span(query: Query, now_ns: int) -> tuple[int, int]:
         raise InvalidArgumentException(f"{place!r:.60} is no place in what is kept")
     begin_s, end_s = _number(query, "last_s", math.inf), _number(query, "until_s", 0.0)
     begin_ns = now_ns - int(min(begin_s, now_ns / 1e9) * 1e9)
-    return begin_ns, now_ns - int(max(end_s, _WRITTEN_AFTER_S) * 1e9)
+    return begin_ns, now_ns - max(int(end_s * 1e9), _WRITTEN_AFTER_NS)
 
 
 def _number(query: Query, name: str, default: float) -> float:

@@ -21,6 +21,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
+from tfbus.bus.callbacks import direct
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.messages import Pose
 
@@ -67,13 +68,13 @@ def bus(tmp_path: Path) -> Iterator[ClosedBus]:
 
 
 class Witness:
-    """Notes each message that comes to an honest process, by its key."""
+    """Notes each message that comes to an honest process, by its key, before its link goes on."""
 
     def __init__(self, bus: ClosedBus) -> None:
         self.node = bus.node("witness")
         self.keys: list[str] = []
         for expression in ("**", "**/@tfbus/**", "**/@adv/**", "**/@tfbus/**/@adv/**"):
-            self.node.session.zenoh.declare_subscriber(expression, self._note)
+            self.node.session.zenoh.declare_subscriber(expression, direct(self._note))
 
     def _note(self, sample: zenoh.Sample) -> None:
         if sample.payload.to_bytes() == b"forged":

@@ -130,11 +130,23 @@ def test_a_browser_gets_a_text_that_says_where_to_go(front: Front) -> None:
 def test_garbage_harms_no_other_client(front: Front, garbage: bytes) -> None:
     """What is no request, or ends early, is dropped."""
     with socket.create_connection(("127.0.0.1", front.port), DEADLINE_S) as client:
-        client.sendall(garbage)
-        client.shutdown(socket.SHUT_WR)
-        assert client.recv(4096) == b""
+        assert is_dropped(client, garbage)
     with Client(front.port) as other:
         eventually(lambda: other.texts_of("serverInfo"))
+
+
+def is_dropped(client: socket.socket, garbage: bytes) -> bool:
+    """Whether the connection is ended without an answer; by a reset where a part of the garbage
+    comes after the end.
+    """
+    try:
+        client.sendall(garbage)
+        client.shutdown(socket.SHUT_WR)
+        return client.recv(4096) == b""
+    except TimeoutError:
+        return False
+    except OSError:
+        return True
 
 
 @pytest.mark.real

@@ -266,7 +266,8 @@ def test_a_closed_pipe_ends_it_quietly(bus: live_bus.Bus, turtle: Node) -> None:
     shell = bus.start_command(["bash", "-c", f"{echo} | head -3; exit ${{PIPESTATUS[0]}}"])
     assert shell.wait() == 0
     assert len(shell.out) == 3
-    assert [line for line in shell.err if "Printing" not in line] == []
+    # What it prints, and on a busy machine what it waits for.
+    assert [line for line in shell.err if "[INFO]" not in line] == []
 
 
 def test_many_echoes_run_at_once(bus: Bus, turtle: Node) -> None:

@@ -41,8 +41,8 @@ def retain(session: zenoh.Session, key: str, payload: bytes) -> object:
 
 
 def say(what: str, key: object, text: object = "") -> None:
-    """A line for the test."""
-    print(what, key, text, flush=True)
+    """A line for the test, in one piece: threads of Zenoh's say something at the same time."""
+    print(f"{what} {key} {text}\n", end="", flush=True)
 
 
 def main() -> None:

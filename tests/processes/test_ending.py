@@ -30,27 +30,31 @@ with tfbus.Node("waits") as node:
     node.spin()
 """
 
-WAITS_AFTER_THE_SIGNAL = """
-import os, signal, tfbus
+# The words come from another thread, once a signal can no longer strike outside of the wait.
+SAYS_WHILE_IT_WAITS = """
+import threading, time, tfbus
 from tfbus.messages import Spawn
+def say_while_it_waits(node: tfbus.Node, word: str) -> None:
+    def say() -> None:
+        while not node._signals._is_held:
+            time.sleep(0.001)
+        print(word, flush=True)
+    threading.Thread(target=say).start()
+"""
+
+WAITS_AFTER_THE_SIGNAL = f"""{SAYS_WHILE_IT_WAITS}
 with tfbus.Node("waits") as node:
     client = node.create_client(Spawn, "spawn")
-    print("first", flush=True)
+    say_while_it_waits(node, "first")
     node.wait(None)
     print("second", flush=True)
     client.wait_for_service()
 """
 
-# The words come from another thread, once a signal can no longer strike outside of the wait.
-TWO_LOOPS = """
-import threading, time, tfbus
+TWO_LOOPS = f"""{SAYS_WHILE_IT_WAITS}
 with tfbus.Node("loops") as node:
-    def say_while_it_waits(word: str) -> None:
-        while not node._signals._is_held:
-            time.sleep(0.001)
-        print(word, flush=True)
     for word in ("first", "second"):
-        threading.Thread(target=say_while_it_waits, args=(word,)).start()
+        say_while_it_waits(node, word)
         while node.wait(60.0):
             pass
     print("its end", flush=True)

@@ -1,9 +1,11 @@
 """`tfbus bag` cut, merge, filter, recover, import and export: recordings into files."""
 
 import json
+import math
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -219,6 +221,18 @@ def test_one_transform_is_called_one(tmp_path: Path) -> None:
     """The line that says what was written counts in English."""
     path = write(tmp_path / "one.mcap", [next(items())])
     assert wrote("export", path, "-o", tmp_path / "one.csv").endswith(", 1 transform\n")
+
+
+def test_each_field_of_a_topic_has_a_column_of_its_own(tmp_path: Path) -> None:
+    """A field called log_ns beside the log time, and fields of a nested map that has bytes for
+    names.
+    """
+    values: dict[str, Any] = {"log_ns": 5, "map": {b"\xff": 1.5, 3: math.nan}, "list": [math.nan]}
+    path = write(tmp_path / "run.mcap", TopicItem(7, "odd", "", values))
+    wrote("export", path, "--topic", "odd", "-o", tmp_path / "odd.csv")
+    header, row = (tmp_path / "odd.csv").read_text().splitlines()
+    assert header == "log_ns,log_ns_2,map.ff,map.3,list"
+    assert row == "7,5,1.5,nan,[null]"
 
 
 def test_a_topic_is_exported(drive: Path) -> None:

@@ -829,6 +829,8 @@ def test_services_do_what_keys_do(played: Any, bus: Bus) -> None:
         client = caller.create_client(kind, f"player/{name}")
         return client.call(kind.Request(*values), timeout_s=20.0)
 
+    ends = [call(Seek, "seek", offset_s).log_ns for offset_s in (-1e300, 1e300)]
+    assert ends == [run.player.start_ns, run.player.end_ns]
     assert call(Seek, "seek", 12.5).log_ns == BEGAN_NS + 25 * S // 2
     assert call(Seek, "seek", 1.0, BEGAN_NS + S).offset_s == 2.0
     call(PlayNext, "play_next", 3)

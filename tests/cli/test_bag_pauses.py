@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from tests.recordings import at, described, gone, node, publisher, steadily, write
+from tests.recordings import at, described, gone, node, publisher, sent, steadily, write
 from tfbus.cli import main
 from tfbus.recording.items import EventItem, TopicItem
 
@@ -99,7 +99,7 @@ def test_an_export_of_a_pause_is_refused(path: Path, tmp_path: Path) -> None:
     target = tmp_path / "base.csv"
     args = ("bag", "export", path, "world", "base", "-o", target)
     refused = run(*args, "--from", "+100s", "--to", "+110s")
-    assert refused.exit_code == 2 and not target.exists()
+    assert refused.exit_code == 1 and not target.exists()
     assert "the recorder was paused" in refused.output
     assert run(*args, "--rate", "10").exit_code == 0
     stamps = [int(row.split(",")[0]) for row in target.read_text().splitlines()[1:]]
@@ -118,6 +118,13 @@ def test_topics_are_measured_without_a_pause(path: Path) -> None:
     assert delay["mean_s"] == pytest.approx(0.002)
     assert run("topic", "delay", "tf/sim", "--bag", path).exit_code == 0
     assert "too few messages" in run("topic", "bw", "pose", "--bag", path, "--to", "+0s").output
+
+
+def test_a_message_without_transforms_has_no_delay(tmp_path: Path) -> None:
+    """It is not counted: the delays of the others are alone in the report."""
+    path = write(tmp_path / "run.mcap", sent(SIM, 0.5), steadily(SIM, 0.0, 1.0, ("world", "base")))
+    delay = json.loads(run("topic", "delay", "tf/sim", "--bag", path, "--json").output)
+    assert delay["window"] == 10 and delay["max_s"] == pytest.approx(0.005)
 
 
 def test_nodes_and_their_parameters_are_those_of_the_moment(path: Path) -> None:

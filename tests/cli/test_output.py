@@ -1,8 +1,10 @@
 """The output of tools: tables, colours, YAML, and reports of measurements."""
 
+from math import nan
+
 import pytest
 
-from tfbus.cli.output import as_json, paint, screen, table, yaml_text
+from tfbus.cli.output import as_text, paint, screen, table, yaml_text
 from tfbus.cli.topic.measure import BANDWIDTH, DELAY, RATE
 from tfbus.frames.windows import WindowReading
 
@@ -64,10 +66,9 @@ class TestText:
         monkeypatch.setenv("NO_COLOR", "1")
         assert paint("x", "bad") == "x"
 
-    def test_bytes_are_digits_in_json(self) -> None:
-        """As values, and as the names that a stranger's nested map may have."""
-        value = {"data": b"\x01", "maps": [{b"\xff": {b"a": 1}}]}
-        assert as_json(value) == '{"data": "01", "maps": [{"ff": {"61": 1}}]}'
+    def test_a_number_that_is_not_finite_is_named(self) -> None:
+        """A text for people says nan, which JSON does not have."""
+        assert [as_text(each) for each in (nan, 1.0, [nan])] == ["nan", "1.0", "[null]"]
 
     @pytest.mark.parametrize(
         ("value", "text"),

@@ -122,6 +122,11 @@ def test_an_interrupted_plot_is_of_what_came_before(bus: Bus, tmp_path: Path) ->
         (["world", "turtle1"], 2, "there is no display for a window: write a file with -o"),
         (["-o", "x.svg"], 2, "name two frames: tfbus plot world turtle1"),
         (["--from", __file__, "--rate", "5", "-o", "x.svg"], 2, "--from plots all poses of a file"),
+        (
+            ["--from", "no.csv", "-o", "x.svg"],
+            2,
+            "for '--from': File 'no.csv' does not exist",
+        ),
         (["a", "b", "-o", "x.gif"], 2, "must end with one of .png, .svg, .pdf"),
         (["world", "turtel1", "-o", "x.svg"], 1, "did you mean 'turtle1'?"),
     ],

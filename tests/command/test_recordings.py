@@ -90,6 +90,24 @@ def test_a_moment_needs_a_recording() -> None:
         assert f"{option} is a moment" in done.output and "give --bag" in done.output
 
 
+def test_files_follow_an_option_as_a_shell_puts_them(path: Path) -> None:
+    """`--bag run*.mcap frame`: files that are there, up to the first argument that is none."""
+    more = [path, write(path.with_name("run2.mcap"), steadily(publisher("b"), 0.0, 1.0))]
+
+    @click.command()
+    @click.argument("frame")
+    @bag_options()
+    def command(frame: str, bag: BagChoice | None) -> None:
+        assert bag is not None
+        click.echo([frame, *(each.name for each in bag.paths)])
+
+    (path.parent / "base").mkdir()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.chdir(path.parent)
+        done = CliRunner().invoke(command, ["--bag", *map(str, more), "base"])
+    assert done.output == "['base', 'run.mcap', 'run2.mcap']\n"
+
+
 def test_a_time_is_that_of_the_wall() -> None:
     """Local time, with milliseconds; a stamp beyond the calendar in seconds."""
     assert wall(at(1.5)).endswith(".500") and len(wall(at(1.5))) == 23

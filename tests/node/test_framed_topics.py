@@ -18,6 +18,7 @@ from tfbus import (
     messages,
 )
 from tfbus.base import scheduler
+from tfbus.compat.sensor_msgs.msg import PointCloud2
 
 S = 1_000_000_000
 
@@ -244,6 +245,8 @@ def test_bounds_and_types_are_checked(bus: Bus) -> None:
 
     with pytest.raises(TypeError, match=r"those of MarkerArray have markers$"):
         create(messages.MarkerArray)
+    with pytest.raises(TypeError, match=r"must have stamp_ns and frame_id, .* PointCloud2 have"):
+        create(PointCloud2)
     with pytest.raises(ValueError, match="queue"):
         create(queue=0)
     with pytest.raises(ValueError, match="tolerance_s"):

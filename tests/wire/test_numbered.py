@@ -20,8 +20,10 @@ from tfbus.wire.numbered import FrameNumbers, origin_of
 from tfbus.wire.transform_bytes import NameTables, scan_message
 from tfbus.wire.transforms import (
     NumberedEncoder,
+    TransformMessage,
     TransformReader,
     decode_transforms,
+    encode_transforms,
     newest_stamp,
 )
 
@@ -260,6 +262,7 @@ def test_the_newest_stamp_is_read_without_names() -> None:
     """Of one for all, and of one for each; what is none is refused."""
     assert newest_stamp(encoded(ORIGINS)) == STAMP_NS
     assert newest_stamp(encoded(ORIGINS, stamps=[4, 9, -2])) == 9
+    assert newest_stamp(encode_transforms(TransformMessage(Columns.of_transforms([]), 7))) is None
     for wrong in (2**64 - 1, True, None):
         spoilt = msgpack.packb(msgpack.unpackb(encoded(ORIGINS)) | {"stamps": wrong})
         with pytest.raises(DecodeError, match="'stamps' is neither"):

@@ -411,6 +411,10 @@ def _is_supplied(type_name: str) -> bool:
     return isinstance(getattr(messages, type_name, None), type)
 
 
+# From each stamp to before the first, and after the last: nanoseconds of 64 bits are 292 years.
+_FARTHEST_S = 2e10
+
+
 def serve(node: Node, player: Player, stop: Callable[[], object]) -> None:
     """Serve `~/pause`, `resume`, `toggle_paused`, `play_next`, `seek`, `set_rate`, `progress` and
     `stop`, which calls `stop()`.
@@ -436,7 +440,8 @@ def serve(node: Node, player: Player, stop: Callable[[], object]) -> None:
 
     def seek(request: Seek.Request) -> Seek.Response:
         base_ns = request.log_ns or player.progress.start_ns
-        player.seek(base_ns + round(request.offset_s * 1e9))
+        offset_s = max(-_FARTHEST_S, min(request.offset_s, _FARTHEST_S))
+        player.seek(base_ns + round(offset_s * 1e9))
         progress = player.progress
         return Seek.Response(progress.log_ns, progress.played_s)
 

@@ -1,6 +1,5 @@
 """`tfbus frames`: the tree of frames in the terminal, as a picture, or as JSON."""
 
-import json
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -11,6 +10,7 @@ import click
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import TfbusError
 from tfbus.base.installation import install_command
+from tfbus.base.json_text import json_text
 from tfbus.base.whole_file import replacing
 from tfbus.base.wording import counted
 from tfbus.bus.settings import NodeSettings
@@ -155,7 +155,7 @@ def _show(
     tree = moment.tree
     if as_json:
         told = document.as_map(tree) | {"unanswered": list(moment.unanswered)}
-        click.echo(json.dumps(told, indent=2))
+        click.echo(json_text(told, indent=2))
     elif tree.frames and not outputs:
         print_lines(_lines(moment, page, long))
     for path in outputs:

@@ -20,9 +20,10 @@ from click.shell_completion import CompletionItem
 
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.json_text import json_text
 from tfbus.base.wording import did_you_mean, wrapped
 from tfbus.bus.graph import TRANSFORMS_TYPE
-from tfbus.cli.output import as_json, paint, print_json, print_lines, width
+from tfbus.cli.output import paint, print_json, print_lines, width
 from tfbus.command.types import absolute, matching, names_at
 from tfbus.wire.codec import (
     OF_HEADER,
@@ -530,6 +531,6 @@ def _headed(name: str, doc: str) -> list[str]:
 
 def _field_lines(fields: Iterable[FieldInfo], lead: str) -> Iterator[str]:
     for field in fields:
-        default = "" if field.default is None else f" = {as_json(field.default)}"
+        default = "" if field.default is None else f" = {json_text(field.default)}"
         yield f"{lead}{paint(field.name, 'name')}: {field.type}{default}"
         yield from _field_lines(field.fields, lead + "  ")

@@ -5,7 +5,6 @@ stderr. click removes colours if stdout is not a terminal, `NO_COLOR` (https://n
 everywhere.
 """
 
-import json
 import os
 import re
 import shutil
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 
 import click
 
+from tfbus.base.json_text import json_text
 from tfbus.base.wording import columns, counted, cut, cut_apart, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -71,35 +71,14 @@ def json_option(text: str) -> Callable[[F], F]:
 
 def print_json(value: object) -> None:
     """Print one line of JSON."""
-    click.echo(as_json(value))
-
-
-def as_json(value: object) -> str:
-    """A line of JSON; bytes in hexadecimal digits."""
-    try:
-        return json.dumps(value, default=_in_json)
-    except TypeError:  # a message within a message may have bytes for names
-        return json.dumps(_with_texts_as_keys(value), default=_in_json)
-
-
-def _with_texts_as_keys(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {
-            _in_json(key) if isinstance(key, bytes) else key: _with_texts_as_keys(item)
-            for key, item in value.items()
-        }
-    return list(map(_with_texts_as_keys, value)) if isinstance(value, list) else value
-
-
-def _in_json(value: Any) -> Any:
-    if hasattr(value, "dtype"):  # numpy's
-        return value.tolist()
-    return value.hex() if isinstance(value, bytes) else str(value)
+    click.echo(json_text(value))
 
 
 def as_text(value: object) -> str:
-    """A text as it can be printed, other values as JSON."""
-    return printable(value, len(value)) if isinstance(value, str) else as_json(value)
+    """A text as it can be printed, a number as Python has it, other values as JSON."""
+    if isinstance(value, str):
+        return printable(value, len(value))
+    return repr(value) if isinstance(value, float) else json_text(value)
 
 
 def print_lines(lines: Iterable[str]) -> None:

@@ -6,7 +6,7 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
@@ -36,6 +36,8 @@ from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
     from tfbus.frames.command_listener import Listening
+
+V = TypeVar("V")
 
 _ENDINGS = (".png", ".svg", ".pdf")
 _RATE_HZ = 50.0
@@ -112,13 +114,13 @@ def command(
                 "--from plots all poses of a file: omit the frames, --for, --rate and --max-gap, "
                 "or give --bag"
             )
-        track = track_from_file(IN_FILE.convert(from_text, None, click.get_current_context()))
+        track = track_from_file(_of_option("--from", IN_FILE, from_text))
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
     elif bag is not None:
         if for_s is not None:
             raise click.UsageError("--for listens to a bus; of a recording, give --from and --to")
-        begin = None if from_text is None else MomentType().convert(from_text, None, None)
+        begin = None if from_text is None else _of_option("--from", MomentType(), from_text)
         track = _read(settings, fleet, replace(bag, begin=begin), target, source, rate_hz, sampling)
     else:
         track = _listen(settings, fleet, target, source, for_s, rate_hz or _RATE_HZ, sampling)
@@ -129,6 +131,16 @@ def command(
             "publisher stopped?"
         )
     _show(track, output, tuple(dict.fromkeys(panels)))
+
+
+def _of_option(name: str, type_: click.ParamType[V], text: str) -> V:
+    """The text of an option as a type that others of its options decide. Raises click.BadParameter,
+    which names the option.
+    """
+    context = click.get_current_context()
+    option = next(each for each in context.command.params if name in each.opts)
+    value: V = type_.convert(text, option, context)
+    return value
 
 
 def _read(

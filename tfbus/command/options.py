@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 import click
 from click.core import ParameterSource
 
-from tfbus.base.errors import MissingFileError, SettingsError, TfbusError
+from tfbus.base.errors import InvalidNameError, MissingFileError, SettingsError, TfbusError
 from tfbus.base.signals import forget_interrupt
 from tfbus.base.wording import natural_order, printable
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
@@ -232,10 +232,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def click_error(error: TfbusError) -> click.ClickException:
-    """The error of a command: exit code 2 if it was called wrongly, with a setting that is invalid,
-    a file that is not there, or without its terminal; 1 if it failed.
+    """The error of a command: exit code 2 if it was called wrongly, with a setting or name that is
+    invalid, a file that is not there, or without its terminal; 1 if it failed.
     """
-    is_mistake = isinstance(error, (SettingsError, MissingFileError))
+    is_mistake = isinstance(error, (SettingsError, InvalidNameError, MissingFileError))
     return (_Mistake if is_mistake else click.ClickException)(str(error))
 
 

@@ -14,6 +14,7 @@ import click
 from tfbus.base.errors import TfbusError
 from tfbus.base.installation import install_command
 from tfbus.base.wording import counted, duration, printable
+from tfbus.command.options import Several
 from tfbus.command.types import Moment, MomentType
 from tfbus.wire.limits import size_text
 
@@ -162,11 +163,20 @@ def statics_option(function: F) -> F:
     return option(function)
 
 
+class _SeveralRecordings(Several):
+    """Recordings after one option, as a shell makes them of `--bag run*.mcap`."""
+
+    def takes(self, word: str) -> bool:
+        """Whether the next word is one: an argument may be called as a folder that is there."""
+        return super().takes(word) and word.endswith(".mcap") and Path(word).is_file()
+
+
 def bag_option(function: F) -> F:
     """Add `--bag`, which gives `bags`, a tuple of paths, to a click command."""
     option = click.option(
         "--bag",
         "bags",
+        cls=_SeveralRecordings,
         multiple=True,
         type=click.Path(exists=True, path_type=Path),
         metavar="FILE",

@@ -6,7 +6,6 @@ JSON schemas.
 """
 
 import json
-import math
 import threading
 import time
 from base64 import b64decode, b64encode
@@ -17,6 +16,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from tfbus import messages
 from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError, TransformException
+from tfbus.base.json_text import json_text
 from tfbus.base.log import LogOnce
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph import Graph, TopicInfo
@@ -383,25 +383,13 @@ def json_of(values: Mapping[Any, Any]) -> bytes:
     Raises ValueError if it is nested too deeply.
     """
     try:
-        return json.dumps(_plain(values), allow_nan=False).encode()
+        return json_text(values, of_bytes=_base64).encode()
     except RecursionError as error:
         raise ValueError("it is nested too deeply") from error
 
 
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {_key(key): _plain(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
-    if isinstance(value, bytes | memoryview):
-        return b64encode(value).decode()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if isinstance(value, bool | int | str | None) else str(value)
-
-
-def _key(key: Any) -> str:
-    return key if isinstance(key, str) else str(key)
+def _base64(value: bytes) -> str:
+    return b64encode(value).decode()
 
 
 def values_of(payload: bytes, message_type: type | None) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from tfbus.base.json_text import json_text
 from tfbus.base.wording import (
     age,
     columns,
@@ -159,7 +160,7 @@ def as_map(tree: FrameTree) -> dict[str, Any]:
 
 def as_json(tree: FrameTree) -> str:
     """`as_map` as one JSON object."""
-    return json.dumps(as_map(tree), indent=2) + "\n"
+    return json_text(as_map(tree), indent=2) + "\n"
 
 
 def as_tf2_yaml(tree: FrameTree) -> str:

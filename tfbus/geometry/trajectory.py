@@ -463,7 +463,7 @@ def _json_rows(path: FilePath) -> Iterator[_Row]:
             row = json.loads(line)
             numbers = [str(value) for value in (*row["xyz"], *row["quat_xyzw"])]
             stamp, pair = str(row["stamp_ns"]), (str(row["frame_id"]), str(row["child_frame_id"]))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             raise DecodeError(
                 f"{where}: not a pose as `tfbus echo --format json` writes it "
                 f"({type(error).__name__}: {error})"

@@ -6,7 +6,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from typing import Any, NamedTuple, TypeVar
 
 from tfbus.base import scheduler
@@ -69,11 +69,15 @@ def into_frame(
     queue: int,
 ) -> InFrame:
     """The frame that a subscription was made with. Raises TypeError and ValueError."""
-    names = [each.name for each in fields(message_type)]
+    if is_dataclass(message_type):
+        names = [each.name for each in fields(message_type)]
+    else:  # a class of ROS
+        names = list(getattr(message_type, "get_fields_and_field_types", dict)())
     if not {"stamp_ns", "frame_id"} <= {*names}:
         raise TypeError(
-            f"{call} with in_frame: messages must have stamp_ns and frame_id, and those of "
-            f"{message_type.__name__} have {', '.join(names) or 'no fields'}"
+            f"{call} with in_frame: messages must have stamp_ns and frame_id, as "
+            f"tfbus.messages.PoseStamped has, and those of {message_type.__name__} have "
+            f"{', '.join(names) or 'no fields'}"
         )
     if buffer is None and not buffers:
         raise ValueError(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-import json
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, TypeAlias
 
 from tfbus.base import lazy_numpy as np
+from tfbus.base.json_text import json_text
 from tfbus.base.lazy_numpy import NDArray
 from tfbus.base.whole_file import replacing
 from tfbus.geometry.batch import TransformBatch
@@ -19,6 +20,9 @@ from tfbus.recording.items import Item, TopicItem, TransformItem
 TRANSFORM_COLUMNS = ("log_ns", "stream", "static", "stamp_ns", *FRAME_COLUMNS, *POSE_COLUMNS)
 
 _LOG_TIME = "log_ns"
+
+# A field of a message, with the fields that it is in.
+_Field: TypeAlias = tuple[str, ...]
 
 
 def write_transforms_csv(items: Iterable[Item], path: Path) -> int:
@@ -66,21 +70,32 @@ def write_transforms_npz(items: Iterable[Item], path: Path) -> int:
 def write_topic_csv(messages: Callable[[], Iterable[Item]], path: Path) -> int:
     """Write the messages of one topic as rows of CSV; how many there are.
 
-    The columns are the log time and the fields, `linear.x` of maps in maps; lists are JSON.
-    `messages` gives the items, and is called twice: the fields of all are the header. Raises
-    OSError.
+    The columns are the log time `log_ns` and the fields, `linear.x` of maps in maps, `log_ns_2` for
+    a name that is there already; lists are JSON. `messages` gives the items, and is called twice:
+    the fields of all are the header. Raises OSError.
     """
-    header = {_LOG_TIME: None}
+    fields: dict[_Field, None] = {}
     for item in _messages(messages()):
-        header |= dict.fromkeys(_flat(item.with_arrays))
+        fields |= dict.fromkeys(_flat(item.with_arrays))
     count = 0
     with replacing(path) as file, _TextInto(file) as text:
-        rows = csv.DictWriter(text, list(header), restval="", lineterminator="\n")
-        rows.writeheader()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerow(_apart([_LOG_TIME, *map(".".join, fields)]))
         for item in _messages(messages()):
-            rows.writerow({**_flat(item.with_arrays), _LOG_TIME: item.log_ns})
+            values = _flat(item.with_arrays)
+            rows.writerow([item.log_ns, *(values.get(field, "") for field in fields)])
             count += 1
     return count
+
+
+def _apart(names: Iterable[str]) -> Iterator[str]:
+    """The names, each once: one that is there already has a number at its end."""
+    given: set[str] = set()
+    for name in names:
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        apart = next(each for each in itertools.chain([name], numbered) if each not in given)
+        given.add(apart)
+        yield apart
 
 
 class _TransformTable:
@@ -130,22 +145,18 @@ def _messages(items: Iterable[Item]) -> Iterator[TopicItem]:
     return (item for item in items if isinstance(item, TopicItem))
 
 
-def _flat(values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    fields: dict[str, Any] = {}
+def _flat(values: Mapping[Any, Any], above: _Field = ()) -> dict[_Field, Any]:
+    fields: dict[_Field, Any] = {}
     for name, value in values.items():
+        # The names in a stranger's nested map may be bytes or numbers.
+        field = (*above, name.hex() if isinstance(name, bytes) else str(name))
         if isinstance(value, Mapping):
-            fields |= _flat(value, f"{above}{name}.")
+            fields |= _flat(value, field)
         elif isinstance(value, list | tuple | bytes | memoryview) or hasattr(value, "dtype"):
-            fields[above + name] = json.dumps(value, default=_as_json)
+            fields[field] = json_text(value)
         else:
-            fields[above + name] = value
+            fields[field] = value
     return fields
-
-
-def _as_json(value: Any) -> Any:
-    if isinstance(value, bytes | memoryview):
-        return value.hex()
-    return value.tolist() if hasattr(value, "dtype") else str(value)
 
 
 class _TextInto(io.TextIOWrapper):

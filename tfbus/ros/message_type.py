@@ -578,7 +578,7 @@ def _key(rest: str) -> str | None:
         return None
     try:
         key = json.loads(rest.removeprefix(_REMARK))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     return key if isinstance(key, str) else None
 

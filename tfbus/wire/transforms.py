@@ -248,14 +248,14 @@ def _seq(columns: dict[str, Any]) -> int | None:
     return seq
 
 
-def newest_stamp(payload: bytes) -> int:
-    """The newest stamp in a message, 0 for none, whatever the names of its frames are. Raises
-    DecodeError as `decode_transforms`.
+def newest_stamp(payload: bytes) -> int | None:
+    """The newest stamp in a message, None without rows, whatever the names of its frames are.
+    Raises DecodeError as `decode_transforms`.
     """
     if not is_numbered(payload):
-        return max(decode_transforms(payload).rows.stamps_as_ints(), default=0)
+        return max(decode_transforms(payload).rows.stamps_as_ints(), default=None)
     stamps = _column({"stamps": _stamps(decode_map(payload))}, "stamps", STAMP_SIZE, _STAMPS)
-    return max(memoryview(stamps).cast("q"), default=0)
+    return max(memoryview(stamps).cast("q"), default=None)
 
 
 class TransformReader:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tfbus import TfbusError
+from tfbus import SettingsError, TfbusError
 from tfbus.ros.bridge.common import BridgeOptions, RosFrameNames
 from tfbus.ros.bridge.topic_table import TABLE, TopicTable
 from tfbus.ros.bridge.topics import Translation
@@ -75,8 +75,8 @@ def test_a_topic_may_be_asked_for() -> None:
     ],
 )
 def test_what_is_asked_for_must_be_clear(text: str, said: str) -> None:
-    """The error says how to ask."""
-    with pytest.raises(TfbusError, match=re.escape(said)) as caught:
+    """The error says how to ask, and is of the command line."""
+    with pytest.raises(SettingsError, match=re.escape(said)) as caught:
         TopicTable.of_file(None, [text])
     assert str(caught.value).count("JointState") <= 1
 

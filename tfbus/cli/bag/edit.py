@@ -15,6 +15,7 @@ from tfbus.cli.bag.files import (
     STREAMS,
     TOPICS,
     about_edited,
+    check_recorded,
     compression_option,
     edited,
     lost_of,
@@ -159,7 +160,7 @@ def filter_command(
 
 
 def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[str]) -> None:
-    """Raises click.UsageError for a topic, stream or frame that is not in the recording."""
+    """Raises TfbusError for a topic, stream or frame that is not in the recording."""
     topics = {topic.name for topic in reader.topics}
     streams = {each.stream.name for each in reader.streams}
     asked = [
@@ -176,12 +177,7 @@ def _check_names(reader: RecordingReader, selection: Selection, drop: frozenset[
         ]
         every = topics | streams | frames
         asked += [("topic, stream or child frame", name, every) for name in sorted(drop)]
-    for kind, name, known in asked:
-        if name not in known:
-            raise click.UsageError(
-                f"there is no {kind} '{printable(name, 60)}' in the recording"
-                + did_you_mean(name, known, none=f", which has no {kind}s")
-            )
+    check_recorded(asked)
 
 
 @click.command("merge", epilog="Example: tfbus bag merge robot.mcap laptop.mcap -o both.mcap")

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.base.errors import BusError, DecodeError
-from tfbus.base.wording import counted, did_you_mean, duration
-from tfbus.cli.bag.files import RECORDING, new_file, with_progress
+from tfbus.base.errors import BusError, DecodeError, TfbusError
+from tfbus.base.wording import counted, duration
+from tfbus.cli.bag.files import RECORDING, check_recorded, new_file, with_progress
 from tfbus.cli.message import supplied_type
 from tfbus.cli.output import say, warn
 from tfbus.command.options import max_gap_option
@@ -245,7 +245,7 @@ def _pair(
         poses = recording.trajectory(*pair, *(span or ()), sampling=sampling)
     if span is not None and not len(poses):
         target, source = pair
-        raise click.UsageError(f"'{source}' has no pose in '{target}' in that span{_paused(bag)}")
+        raise TfbusError(f"'{source}' has no pose in '{target}' in that span{_paused(bag)}")
     write = _FORMATS[form].pair
     assert write is not None
     with new_file(output, force=force, sources=_sources(bag)) as beside:
@@ -284,11 +284,7 @@ def _no_topics(bag: OpenBag) -> Selection:
 
 def _items_of(bag: OpenBag, topic: str) -> Iterator[TopicItem]:
     known = {each.name for each in bag.reader.topics}
-    if topic not in known:
-        raise click.UsageError(
-            f"there is no topic {topic!r} in the recording"
-            + did_you_mean(topic, known, none=", which has no topics")
-        )
+    check_recorded([("topic", topic, known)])
     items = bag.reader.items(*bag.span, Selection(topics=(topic,)))
     return (item for item in items if isinstance(item, TopicItem))
 

@@ -16,7 +16,7 @@ from tfbus.base.errors import InvalidArgumentException, TfbusError
 from tfbus.base.installation import install_command
 from tfbus.base.signals import StopSignals
 from tfbus.base.whole_file import taking_place_of
-from tfbus.base.wording import counted, duration, listed, printable
+from tfbus.base.wording import counted, did_you_mean, duration, listed, printable
 from tfbus.cli.output import counted_transforms, many, say, warn
 from tfbus.command.options import Several
 from tfbus.command.types import FrameName, OutputFile, TopicName
@@ -222,6 +222,18 @@ def selected(
         return SelectionOptions(topics, streams, frames, regex, exclude, ()).selection()
     except InvalidArgumentException as error:
         raise click.UsageError(str(error)) from error
+
+
+def check_recorded(asked: Iterable[tuple[str, str, Collection[str]]]) -> None:
+    """Raises TfbusError for a name that its recording does not have; each comes with the kind of
+    thing that it is of, and the names that the recording has.
+    """
+    for kind, name, known in asked:
+        if name not in known:
+            raise TfbusError(
+                f"there is no {kind} '{printable(name, 60)}' in the recording"
+                + did_you_mean(name, known, none=f", which has no {kind}s")
+            )
 
 
 def warn_of_unreadable(reader: "RecordingReader") -> None:

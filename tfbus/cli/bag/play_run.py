@@ -15,8 +15,9 @@ from tfbus.bag.replay import Republisher, serve
 from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
 from tfbus.base.errors import TfbusError
-from tfbus.base.wording import counted, cut, did_you_mean, duration, printable
+from tfbus.base.wording import counted, cut, duration
 from tfbus.bus.settings import NodeSettings
+from tfbus.cli.bag.files import check_recorded
 from tfbus.cli.bag.record_status import StatusLine
 from tfbus.cli.output import is_terminal, paint, width
 from tfbus.command.recordings import open_recording, wall
@@ -59,23 +60,18 @@ class PlayPlan:
 
 
 def _check_names(reader: RecordingReader, plan: PlayPlan) -> None:
-    """Raises click.UsageError for a topic or stream that is not in the recording."""
+    """Raises TfbusError for a topic or stream that is not in the recording."""
     topics = {topic.name for topic in reader.topics}
     streams = {each.stream.name for each in reader.streams}
-    asked = [
+    asked = (
         *(("topic", name, topics) for name in plan.selection.topics if not is_of_transforms(name)),
         *(("stream", name, streams) for name in plan.selection.streams),
         *(
             ("topic or stream", old.removeprefix("/"), topics | streams)
             for old in plan.names.remappings
         ),
-    ]
-    for kind, name, known in asked:
-        if name not in known:
-            raise click.UsageError(
-                f"there is no {kind} '{printable(name, 60)}' in the recording"
-                f"{did_you_mean(name, known, none='')}"
-            )
+    )
+    check_recorded(asked)
 
 
 def _span(reader: RecordingReader, plan: PlayPlan) -> tuple[int, int]:

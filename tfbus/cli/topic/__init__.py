@@ -12,6 +12,7 @@ from click.shell_completion import CompletionItem
 
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import BusError, InvalidArgumentException
+from tfbus.base.json_text import json_text
 from tfbus.base.wording import counted, did_you_mean
 from tfbus.bus.graph import TRANSFORMS_TYPE, Endpoint, Graph, TopicInfo
 from tfbus.bus.settings import NodeSettings
@@ -36,7 +37,6 @@ from tfbus.cli.message import (
     type_of_ros,
 )
 from tfbus.cli.output import (
-    as_json,
     json_option,
     paint,
     print_json,
@@ -408,7 +408,7 @@ def pub_command(
         else:
             if message_type:
                 values = complete_values(values, message_type)
-            payload, shown = encode_values(values, "VALUES"), as_json(values)
+            payload, shown = encode_values(values, "VALUES"), json_text(values)
             payload_of = partial(bytes, payload)
         name = type_name(message_type) if message_type else announced
         if given_type and announced and announced != name:
@@ -453,7 +453,7 @@ def _from_file(
         has_stamp = "stamp_ns" in values
         return encode_message(content if has_stamp else replace(content, stamp_ns=node.now_ns()))
 
-    return payload, as_json({"frame_id": content.frame_id, "file": str(path)})
+    return payload, json_text({"frame_id": content.frame_id, "file": str(path)})
 
 
 def _publish(

@@ -11,6 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.base.errors import BusError, DecodeError
+from tfbus.base.json_text import json_text
 from tfbus.base.wording import counted, stamp_text
 from tfbus.bus.graph import TRANSFORMS_TYPE
 from tfbus.bus.settings import NodeSettings
@@ -23,7 +24,6 @@ from tfbus.cli.message import (
     is_of_type,
     supplied_names,
 )
-from tfbus.cli.output import as_json as json_line
 from tfbus.cli.output import is_terminal, json_option, paint, print_text, say, warn, yaml_text
 from tfbus.cli.topic.message_view import MessageFilter, Shortening, csv_row, part_of, summarized
 from tfbus.cli.topic.source import (
@@ -153,7 +153,7 @@ class _Form:
     def _text(self, arrival: Arrival, message: dict[str, Any]) -> str:
         shown = part_of(message, self.part) if self.part else message
         if self.kind == "json":
-            return json_line(shown)
+            return json_text(shown)
         if self.kind == "yaml" and not self.part and self.shortening.summarizes:
             shown = summarized(message)
         short = self.shortening.shorten(shown)

@@ -35,6 +35,7 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.windows import MessageWindow, Spread, WindowReading, spread_of
+from tfbus.recording.items import TransformItem
 from tfbus.wire.codec import decode_map, stamp_in
 from tfbus.wire.keys import relative
 from tfbus.wire.transforms import newest_stamp
@@ -414,23 +415,27 @@ def _run_recorded(
     print_measured(measured, report, as_table=len(topics) > 1, as_json=as_json)
 
 
-def _age_s(message: RecordedMessage) -> float:
-    if message.stamp_ns is None:
-        raise _no_stamp(message.topic)
-    return (message.received_ns - message.stamp_ns) / 1e9
+def _age_s(message: RecordedMessage) -> float | None:
+    if (stamp_ns := message.stamp_ns) is not None:
+        return (message.received_ns - stamp_ns) / 1e9
+    if isinstance(message.item, TransformItem):
+        return None  # it has no rows
+    raise _no_stamp(message.topic)
 
 
 class _Age:
     """The ages of a topic's messages; warns once of one that none has by the same clock."""
 
-    def __init__(self, node: "Node", topic: str, stamp_of: Callable[[bytes], int]) -> None:
+    def __init__(self, node: "Node", topic: str, stamp_of: Callable[[bytes], int | None]) -> None:
         self._node = node
         self._topic = topic
         self._stamp_of = stamp_of
         self._has_warned = False
 
-    def __call__(self, payload: bytes) -> float:
-        age_s = (self._node.now_ns() - self._stamp_of(payload)) / 1e9
+    def __call__(self, payload: bytes) -> float | None:
+        if (stamp_ns := self._stamp_of(payload)) is None:
+            return None
+        age_s = (self._node.now_ns() - stamp_ns) / 1e9
         clock = self._node.clock
         if is_another_time(age_s) and clock.is_running and not self._has_warned:
             self._has_warned = True

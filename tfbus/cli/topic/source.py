@@ -276,7 +276,7 @@ class RecordedMessage:
     def stamp_ns(self) -> int | None:
         """Its stamp, or its header's; of transforms the newest; None if it has none."""
         if isinstance(self.item, TransformItem):
-            return max(self.item.rows.stamps_as_ints(), default=0)
+            return max(self.item.rows.stamps_as_ints(), default=None)
         return stamp_in(self.item.values)
 
 

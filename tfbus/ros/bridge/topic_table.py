@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
-from tfbus.base.errors import DecodeError, TfbusError
+from tfbus.base.errors import DecodeError, SettingsError, TfbusError
 from tfbus.base.names import mistake_in
 from tfbus.base.wording import did_you_mean, printable
 from tfbus.base.yaml_file import Value, read_yaml_file
@@ -166,14 +166,16 @@ class TopicTable:
         name, _, type_name = text.partition("=")
         name = name.strip("/")
         if not name or (mistake := mistake_in(name)):
-            raise TfbusError(f"--topic: {text!r} is no topic: {mistake if name else 'it is empty'}")
+            raise SettingsError(
+                f"--topic: {text!r} is no topic: {mistake if name else 'it is empty'}"
+            )
         lines = (*self._own, *TABLE)
         if type_name:
             for line in lines:
                 if type_name in line.said_names:
                     return name, replace(line, names=())
             known = list(dict.fromkeys(line.type_name for line in lines))
-            raise TfbusError(
+            raise SettingsError(
                 f"--topic: {type_name!r} is no type that crosses{did_you_mean(type_name, known)}; "
                 "--topics FILE adds others"
             )
@@ -182,7 +184,7 @@ class TopicTable:
             if name.rpartition("/")[2] in leaves or (line in self._own and line.pattern == name):
                 return name, line
         known = list(dict.fromkeys(line.type_name for line in lines))
-        raise TfbusError(
+        raise SettingsError(
             f"--topic: the type of {name!r} is not known: give it as {name}=TYPE, one of "
             f"{', '.join(known)}"
         )

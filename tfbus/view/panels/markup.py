@@ -105,7 +105,7 @@ window.tfbusCopy = (id) => {
         """
         try:
             event = json.loads(text)
-        except ValueError:
+        except (ValueError, RecursionError):
             return
         if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
             handler({**event, "client": client})

@@ -230,6 +230,19 @@ def test_ros_reads_odometry() -> None:
     assert read.twist.twist.linear.x == 0.5
 
 
+def test_integers_in_fields_of_floats_leave_a_message_its_type_of_ros() -> None:
+    """As programs write them, Vector3(1, 0, 0); one that no float is leaves it as it was."""
+    twist = messages.Twist(messages.Vector3(1, 0, 0))
+    odom = replace(ODOM, twist=messages.TwistWithCovariance(twist, (0,) * 36))
+    codec, data = MessageCodecs().encode("Odometry", as_map(odom))
+    assert codec.definition == COUNTERPARTS["Odometry"].definition
+    assert codec.decode(data) == as_map(odom)
+    state = {**as_map(STATE), "position": [2**60 + 1, math.nan]}
+    codec, data = MessageCodecs().encode("JointState", state)
+    assert codec.definition != JOINT_STATE
+    assert codec.decode(data)["position"][0] == 2**60 + 1
+
+
 @pytest.mark.parametrize(
     ("make", "said"),
     [

@@ -666,3 +666,21 @@ def test_a_topic_that_is_not_drawn_says_why_once(
     [scan] = says()[2:]
     assert scan.startswith("Topic 'scan' ") and "no message" in scan
     scenes.close()
+
+
+def test_topics_of_a_hidden_group_are_not_subscribed() -> None:
+    """Though they are ticked: the robot sends nothing for them."""
+    ends = (Endpoint("/robot", type_name(PointCloud)),)
+    source = MagicMock()
+    source.topics.return_value = {name: TopicInfo(name, ends) for name in ("a", "b", "c")}
+    source.waiting.return_value = None
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    topics = tuple(
+        TopicSettings(name, group=group) for name, group in zip("abc", "xx ", strict=True)
+    )
+    for hidden, wanted in (((), "abc"), (("x",), "c"), ((" ", "x"), "")):
+        settings = ViewSettings(topics=topics, hidden_groups=hidden)
+        scenes.see(Buffer(), "map", settings, is_held=False, is_watched=True)
+        [found], _ = source.want.call_args
+        assert "".join(found) == wanted
+    scenes.close()

@@ -7,6 +7,7 @@ whose types are not quite the same are made to fit.
 import json
 import struct
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -76,6 +77,24 @@ def plain(value: Any, type_: Type) -> Any:
         return {field.key: plain(value[field.key], field.type) for field in type_.fields}
     if isinstance(type_, Sequence) and isinstance(type_.item, MessageType):
         return [plain(each, type_.item) for each in value]
+    return value
+
+
+def with_floats(value: Any, type_: Type) -> Any:
+    """A value with floats in the place of integers in fields of floats, where these are the same
+    numbers; all else as it is.
+    """
+    if isinstance(type_, MessageType) and isinstance(value, Mapping):
+        types = {field.key: field.type for field in type_.fields}
+        return {
+            key: with_floats(each, types[key]) if key in types else each
+            for key, each in value.items()
+        }
+    if isinstance(type_, Sequence) and isinstance(value, list | tuple):
+        return [with_floats(each, type_.item) for each in value]
+    if type(value) is int and isinstance(type_, Scalar) and type_.name in _FLOATS:
+        with suppress(OverflowError):
+            return float(value) if float(value) == value else value
     return value
 
 
@@ -232,6 +251,11 @@ class Counterpart:
     definition: Definition
     to_ros: _ToRos
     of_ros: _OfRos
+
+    @property
+    def is_on_bus(self) -> bool:
+        """Whether the type has its fields of ROS on the bus, too."""
+        return self.to_ros is dict
 
 
 def counterpart_of_ros(ros_type: str, said: str, topic: str) -> Counterpart | None:

@@ -14,7 +14,7 @@ from tfbus.base.errors import DecodeError, InvalidArgumentException
 from tfbus.base.wording import printable
 from tfbus.messages.fields import ArrayOf
 from tfbus.ros.cdr import CdrWriter
-from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted
+from tfbus.ros.counterparts import AS_IN_ROS, COUNTERPARTS, Counterpart, fitted, with_floats
 from tfbus.ros.definitions import Definition
 from tfbus.ros.message_type import (
     BOOL,
@@ -265,14 +265,16 @@ def _value_types(message: MessageType) -> list[Type]:
 # Of one type of message. A publisher that sends more forms than these has no type to speak of.
 _MOST_CODECS = 8
 
+_MISFITS = (UnfitError, struct.error, OverflowError, UnicodeEncodeError)
+
 
 class MessageCodec:
     """Writes and reads the messages of one type, as maps of their fields.
 
     `definition` is the type as ROS 2 has it. A value comes back as it was: integers of 64 bits,
     floats, texts, bytes, lists and maps with the order of their keys, bit by bit. Only if the
-    type is a dataclass's, an integer in a field of floats comes back as the float that is the same
-    number.
+    type is a dataclass's or ROS's own, an integer in a field of floats comes back as the float that
+    is the same number.
     """
 
     def __init__(
@@ -325,12 +327,23 @@ class MessageCodec:
         """The message with these values; None if they are not of this type. An array of just the
         type's numbers, of numpy for example, is copied as a whole.
         """
+        if self._counterpart is None:
+            return self._written(values)
+        try:
+            values = self._counterpart.to_ros(values)
+        except _MISFITS:
+            return None
+        written = self._written(values)
+        if written is None and not self._counterpart.is_on_bus:
+            # Programs write Vector3(1, 0, 0), and its fields are floats all the same.
+            written = self._written(with_floats(values, self._message))
+        return written
+
+    def _written(self, values: Mapping[str, Any]) -> bytes | None:
         writer = CdrWriter()
         try:
-            if self._counterpart is not None:
-                values = self._counterpart.to_ros(values)
             self._codec.write(writer, values if type(values) is dict else dict(values))
-        except (UnfitError, struct.error, OverflowError, UnicodeEncodeError):
+        except _MISFITS:
             return None
         return writer.message()
 

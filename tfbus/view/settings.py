@@ -67,6 +67,8 @@ class TopicSettings:
 
     Of points in one cube of `voxel` cm one is drawn, with 0 each, and at most `most_points` of a
     message. Images are JPEG of this `quality`. Markers of `hidden` namespaces are not drawn.
+
+    Topics of one `group` are drawn, or not, together; "" is none.
     """
 
     topic: str
@@ -83,6 +85,7 @@ class TopicSettings:
     most_points: float = 100_000.0
     quality: float = 75.0
     hidden: tuple[str, ...] = ()
+    group: str = ""
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,8 @@ class ViewSettings:
     Cameras move along with the frame `follow`, and with `follow_yaw` turn with its heading.
     The tools publish on `goal_topic`, `initial_pose_topic` and `point_topic`.
 
-    Messages of `topics` are drawn, each by its settings. `shapes` of robots are
-    "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
+    Messages of `topics` are drawn, each by its settings, but for topics of `hidden_groups`.
+    `shapes` of robots are "visual", "collision" or "both", with `robot_opacity`; `hidden_robots`
     are not drawn. The links of drawn robots have axes, names and arrows with `link_axes`.
     """
 
@@ -128,6 +131,16 @@ class ViewSettings:
     initial_pose_topic: str = "initialpose"
     point_topic: str = "clicked_point"
     topics: tuple[TopicSettings, ...] = ()
+    hidden_groups: tuple[str, ...] = ()
+
+    @cached_property
+    def drawn(self) -> Mapping[str, TopicSettings]:
+        """The settings of each topic that is drawn: it is shown, and its group is not hidden."""
+        return {
+            each.topic: each
+            for each in self.topics
+            if each.shown and each.group not in self.hidden_groups
+        }
 
     def of_topic(self, topic: str) -> TopicSettings:
         """The settings of a topic; one that has none is not shown."""
@@ -375,11 +388,11 @@ class ViewState:
         with self._lock:
             self.settings = replace(self.settings, **values)
 
-    def tick(self, field: str, frame: str, is_in: bool) -> None:
-        """Put a frame into a list of frames, `hidden` or `trails`, or take it out."""
+    def tick(self, field: str, name: str, is_in: bool) -> None:
+        """Put a name into a list of names, such as `hidden` or `trails`, or take it out."""
         with self._lock:
-            others = tuple(name for name in getattr(self.settings, field) if name != frame)
-            chosen: dict[str, Any] = {field: (*others, frame) if is_in else others}
+            others = tuple(each for each in getattr(self.settings, field) if each != name)
+            chosen: dict[str, Any] = {field: (*others, name) if is_in else others}
             self.settings = replace(self.settings, **chosen)
 
     def change_topic(self, topic: str, **values: Any) -> None:

@@ -15,7 +15,7 @@ from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.settings import RANGES, ViewState
+from tfbus.view.settings import RANGES, TopicSettings, ViewSettings, ViewState
 from tfbus.wire.keys import namespace_of_node
 
 _COLORS = ("auto", "flat", "height")
@@ -53,6 +53,9 @@ class DataPanel:
         self._list: Html | None = None
         self._rows: dict[str, _TopicRow] = {}
         channel.on("topic", self._tick)
+        channel.on(
+            "group", lambda e: view.tick("hidden_groups", str(e.get("group", "")), not e.get("on"))
+        )
 
     def refresh(self) -> None:
         """Show the topics, and the counts of each."""
@@ -64,11 +67,13 @@ class DataPanel:
                 self._list = Html(self._gui.add_html(""))
         if self._tab is None or self._list is None:
             return
-        shown = {each.topic for each in self._view.settings.topics if each.shown}
-        self._list.show(topics_html(topics, shown, self._find.value))
+        settings = self._view.settings
+        self._list.show(topics_html(topics, settings, self._find.value))
         if self._find.visible != (len(topics) > _MOST_AT_A_GLANCE):
             self._find.visible = not self._find.visible
-        for topic in [topic for topic in self._rows if topic not in shown & topics.keys()]:
+        # Those of hidden groups too: a group that is typed may be one on the way.
+        shown = {each.topic for each in settings.topics if each.shown} & topics.keys()
+        for topic in [topic for topic in self._rows if topic not in shown]:
             self._scenes.show_picture.pop(topic, None)
             self._rows.pop(topic).remove()
         with self._tab:
@@ -108,29 +113,58 @@ def _longest_above(topic: str, robots: Collection[str]) -> str:
     return max(above, key=len, default="")
 
 
-def topics_html(topics: Mapping[str, TopicInfo], shown: Collection[str], find: str = "") -> str:
-    """A box for each topic whose name or type has the text `find` in it: `shown` topics first, then
-    topics of no robot, then robot by robot, all by name.
+def topics_html(topics: Mapping[str, TopicInfo], settings: ViewSettings, find: str = "") -> str:
+    """A box for each topic whose name or type has the text `find` in it: shown topics of no group
+    first, then group by group, then topics of no robot, then robot by robot, all by name. A group
+    has a box for all of it.
     """
     robots = robots_of(topics)
     types = {topic: drawn_type(info) for topic, info in topics.items()}
     named = {topic: kind.__name__ for topic, kind in types.items() if kind is not None}
     sought = find.strip().lower()
+    chosen = {topic: settings.of_topic(topic) for topic in named}
     found = [
-        topic for topic, kind in named.items() if sought in topic.lower() or sought in kind.lower()
+        topic
+        for topic, kind in named.items()
+        if any(sought in text.lower() for text in (topic, kind, chosen[topic].group))
     ]
-    places = {topic: (topic not in shown, robots[topic], topic) for topic in found}
-    lines = [f'<div class="tf-dim">{len(named.keys() & shown)} of {len(named)} drawn</div>']
-    before = ""
-    for topic in sorted(found, key=places.__getitem__):
-        heading = "" if topic in shown else robots[topic]
-        if heading != before:
-            lines.append(f'<div class="tf-robot-name"><b>{escape(printable(heading))}</b></div>')
-            before = heading
-        lines.append(_box(topic, named[topic], is_shown=topic in shown))
+    parts: dict[tuple[int, str], list[str]] = {}
+    for topic in sorted(found):
+        parts.setdefault(_part_of(chosen[topic], robots[topic]), []).append(topic)
+    count = len(named.keys() & settings.drawn.keys())
+    lines = [f'<div class="tf-dim">{count} of {len(named)} drawn</div>']
+    for part, members in sorted(parts.items()):
+        shown = [topic for topic in members if chosen[topic].shown]
+        lines.append(_heading(part, settings, f"{len(shown)} of {len(members)}"))
+        lines += [_box(topic, named[topic], is_shown=topic in shown) for topic in members]
     if not found:
         lines.append(f'<div class="tf-dim">No topic has {escape(repr(find.strip()))} in it.</div>')
     return f'<div class="tf" role="group" aria-label="topics">{"".join(lines)}</div>'
+
+
+# The parts of the list, in their order.
+_SHOWN, _IN_GROUP, _OTHERS = range(3)
+
+
+def _part_of(settings: TopicSettings, robot: str) -> tuple[int, str]:
+    """The part of the list that a topic is in, and its name."""
+    if settings.group:
+        return _IN_GROUP, settings.group
+    return (_SHOWN, "") if settings.shown else (_OTHERS, robot)
+
+
+def _heading(part: tuple[int, str], settings: ViewSettings, count: str) -> str:
+    kind, name = part
+    told = escape(printable(name))
+    if kind != _IN_GROUP:
+        return f'<div class="tf-robot-name"><b>{told}</b></div>' if name else ""
+    tick = event("group", group="this.dataset.group", on="this.checked")
+    checked = "" if name in settings.hidden_groups else "checked"
+    return (
+        f'<label class="tf-row tf-robot-name"><input type="checkbox" aria-label="group {told}" '
+        f'{checked} data-group="{escape(name)}" onclick="{tick}"><b class="tf-topic">{told}</b>'
+        f'<span class="tf-note">{count}</span></label>'
+    )
 
 
 def _box(topic: str, kind: str, *, is_shown: bool) -> str:
@@ -189,6 +223,7 @@ class _TopicRow:
                     ),
                     self._setter("locked"),
                 )
+            self._text("group", "Group", "Topics of one group are drawn, or not, together.")
             self._state = Html(gui.add_html(""))
         self._namespaces: dict[str, Control] = {}
         if message_type in _IMAGES:
@@ -243,6 +278,11 @@ class _TopicRow:
         least, most = RANGES[name]
         value = getattr(self._view.settings.of_topic(self._topic), name)
         handle = self._gui.add_number(label, value, min=least, max=most, step=step)
+        self._controls[name] = Control(handle, self._setter(name))
+
+    def _text(self, name: str, label: str, hint: str) -> None:
+        value = getattr(self._view.settings.of_topic(self._topic), name)
+        handle = self._gui.add_text(label, value, hint=hint)
         self._controls[name] = Control(handle, self._setter(name))
 
     def _setter(self, name: str) -> Callable[[Any], None]:

@@ -100,7 +100,7 @@ class DataScenes:
         """Draw by these settings; ask for topics, and subscribe, only while somebody looks. Topics
         to draw from the start that are not there are named once.
         """
-        shown = [each.topic for each in settings.topics if each.shown]
+        shown = list(settings.drawn)
         if is_watched or (shown and not self._has_warned):
             self._all = self._source.topics()
             drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
@@ -241,7 +241,7 @@ class DataScenes:
         if sight is None or self._is_held:
             return
         pace_s, now_s = now_s, self._source.catch_up(now_s)
-        chosen = {each.topic: each for each in sight.settings.topics if each.shown}
+        chosen = sight.settings.drawn
         layers: dict[str, TopicLayer] = {}
         for topic in chosen:
             waiting = self._source.waiting(topic)

@@ -15,8 +15,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tfbus.base.errors import DecodeError
-from tfbus.base.names import is_printable
-from tfbus.base.wording import printable
+from tfbus.base.wording import is_printable, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph import where_to_look
 from tfbus.frames.clocks import (

@@ -11,8 +11,8 @@ from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
-from tfbus.base.names import is_printable
 from tfbus.base.structs import replace
+from tfbus.base.wording import is_printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber

@@ -42,7 +42,7 @@ from tfbus.recording.items import (
 )
 from tfbus.recording.state import BusState, LastingStatics, Statics
 from tfbus.streams.conflicts import Conflicts
-from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.info import StreamInfo, StreamState
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.streams.stream_facts import ReceptionHooks
 from tfbus.wire.codec import from_map
@@ -478,8 +478,7 @@ class RecordedFrames:
     def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
         return [
-            stream_info(name, stream.state, stream.reception)
-            for name, stream in sorted(self._streams.items())
+            stream.reception.report(stream.state) for _, stream in sorted(self._streams.items())
         ]
 
     def tree(self) -> FrameTree:

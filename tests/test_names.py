@@ -2,7 +2,7 @@
 
 import pytest
 
-from tfbus.base.names import MOST_LETTERS, mistake_in
+from tfbus.base.wording import MOST_LETTERS, mistake_in
 
 
 @pytest.mark.parametrize("name", ["base_link", "robot7/arm 2", "grün", "世界", "a" * MOST_LETTERS])

@@ -18,8 +18,8 @@ from tfbus.frames.track import (
     rpy_rad,
     seconds_of,
     track_from_buffer,
-    track_from_file,
 )
+from tfbus.geometry.trajectory import read_echo
 from tfbus.geometry.transform_array import TransformArray
 
 NS = 1_000_000_000
@@ -88,7 +88,7 @@ def test_output_of_echo_is_read(form: str, tmp_path: Path) -> None:
     lines = [write(buffer.lookup_transform("world", "turtle", at), numbers) for at in stamps]
     file = tmp_path / "turtle"
     file.write_text("\n".join(([CSV_HEADER] if form == "csv" else []) + lines) + "\n")
-    track = track_from_file(file)
+    track = read_echo(file)
     assert (track.frame_id, track.child_frame_id) == ("world", "turtle")
     assert track.stamps_ns.tolist() == sorted(stamps)
     expected = track_of(buffer, 0.2, rate_hz=10.0)
@@ -117,7 +117,7 @@ def test_another_file_is_refused(text: str, reason: str, tmp_path: Path) -> None
     file = tmp_path / "file"
     file.write_text(text)
     with pytest.raises(DecodeError, match=reason):
-        track_from_file(file)
+        read_echo(file)
 
 
 @pytest.mark.parametrize("form", ["csv", "json"])
@@ -132,7 +132,7 @@ def test_two_pairs_of_frames_are_refused(form: str, tmp_path: Path) -> None:
     file = tmp_path / "two"
     file.write_text("\n".join(([CSV_HEADER] if form == "csv" else []) + lines) + "\n")
     with pytest.raises(DecodeError, match="drone"):
-        track_from_file(file)
+        read_echo(file)
 
 
 def test_a_gap_is_between_poses_that_are_far_apart() -> None:

@@ -27,7 +27,7 @@ from tests.processes.fuzz_tools import Tools
 from tests.streams.received import appear
 from tfbus import Buffer, DecodeError, Transform, TransformException, TransformStamped
 from tfbus.geometry.batch import TransformBatch
-from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.info import StreamInfo, StreamState
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription, read_description
@@ -291,7 +291,7 @@ class Target:
 
     def _infos(self) -> list[StreamInfo]:
         state = StreamState("fuzz", True, self.described, stream_key("fuzz"))
-        return [stream_info("fuzz", state, self.stream), StreamInfo("sane", alive=True)]
+        return [self.stream.report(state), StreamInfo("sane", alive=True)]
 
     def _reason(self, payload: bytes) -> str | None:
         """Why it is refused, None where it is read; and the fast way agrees."""

@@ -1,6 +1,6 @@
 """Descriptions that wait to be read."""
 
-from tfbus.streams.wanted import FairQueue, Received
+from tfbus.streams.description_queries import FairQueue, Received
 
 
 def received(sender: str, key: str = "k", payload: bytes = b"") -> Received:

@@ -14,7 +14,7 @@ from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.settings import LAN, NodeSettings
-from tfbus.streams import description_queries, owners, wanted, watch
+from tfbus.streams import description_queries, owners, watch
 from tfbus.streams.info import StreamState
 from tfbus.streams.watch import StreamWatch
 from tfbus.wire.codec import encode_message
@@ -56,7 +56,7 @@ class Questions:
         monkeypatch.setattr(description_queries, "ask_for_description", self.ask)
         monkeypatch.setattr(description_queries, "ask_for_descriptions", self.ask_together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
-        monkeypatch.setattr(wanted, "ask_who_lists", self.seek)
+        monkeypatch.setattr(description_queries, "ask_who_lists", self.seek)
         self.watch = StreamWatch(
             cast(Session, self),
             self.changed.append,

@@ -10,7 +10,7 @@ from typing import Any, Literal
 from tfbus.bag.raw_queue import EVENTS, FullNames, RawQueue, TopicSource, TransformSource
 from tfbus.base.errors import InvalidNameError
 from tfbus.base.log import LogOnce
-from tfbus.base.names import is_printable
+from tfbus.base.wording import is_printable
 from tfbus.bus.graph import TopicInfo, graph_of
 from tfbus.bus.graph_watch import GraphWatch
 from tfbus.bus.network_session import Declaration

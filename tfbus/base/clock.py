@@ -7,6 +7,7 @@ jump back as before it.
 
 from abc import abstractmethod
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
 from typing import Any
 
 from tfbus.base import scheduler
@@ -43,6 +44,28 @@ class Bell:
         if timeout_s is None or timeout_s > scheduler.TIMEOUT_MAX:
             timeout_s = scheduler.TIMEOUT_MAX
         self._silent.acquire(timeout=timeout_s if timeout_s > 0.0 else 0.0)
+
+
+class LoopBell:
+    """A bell that a coroutine sleeps on until any thread rings it; of the event loop that runs."""
+
+    def __init__(self) -> None:
+        import asyncio  # slow to import, and it runs already
+
+        self._loop, self._rung = asyncio.get_running_loop(), asyncio.Event()
+        self._timeout = asyncio.timeout
+
+    def ring(self) -> None:
+        """End the `wait` of now, or else the next one; if the loop is closed nothing waits."""
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._rung.set)
+
+    async def wait(self, timeout_s: float | None) -> None:
+        """Sleep until it is rung, at most this long; None: for as long as it takes."""
+        with suppress(TimeoutError):
+            async with self._timeout(timeout_s):
+                await self._rung.wait()
+        self._rung.clear()
 
 
 class Limit:

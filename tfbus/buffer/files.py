@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tfbus.base.errors import DecodeError, InvalidArgumentException
-from tfbus.base.names import mistake_in
 from tfbus.base.whole_file import replacing
-from tfbus.base.wording import printable
+from tfbus.base.wording import mistake_in, printable
 from tfbus.buffer.buffer import Buffer, default_max_samples
 from tfbus.geometry.kernel import LONGEST_NS, NO_DATA
 from tfbus.geometry.sampling import Contents, Held, Pose, Sampling

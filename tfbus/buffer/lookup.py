@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import Any
 
 from tfbus.base import lazy_numpy as np
-from tfbus.base.clock import Bell, Limit, limit_by
+from tfbus.base.clock import Bell, Limit, LoopBell, limit_by
 from tfbus.base.errors import (
     ConnectivityException,
     ExtrapolationException,
@@ -113,28 +112,16 @@ class Lookup:
         answers = self.answers()
         if answers is not None:
             return answers
-        import asyncio  # slow to import, and most processes do not need it
-
-        loop = asyncio.get_running_loop()
-        changed = asyncio.Event()
-
-        def wake() -> None:
-            # The loop may be closed already, with nothing left to wake.
-            with suppress(RuntimeError):
-                loop.call_soon_threadsafe(changed.set)
-
-        waiter = Waiter(wake)
+        changed = LoopBell()
+        waiter = Waiter(changed.ring)
         self._store.waiters.add(waiter)
         try:
-            with limit_by(self._store.clock, timeout_s, wake) as limit:
+            with limit_by(self._store.clock, timeout_s, changed.ring) as limit:
                 while True:
-                    changed.clear()
                     answers = self._answers_or_watch(waiter, limit, timeout_s or 0.0)
                     if answers is not None:
                         return answers
-                    with suppress(TimeoutError):
-                        async with asyncio.timeout(limit.left_s):
-                            await changed.wait()
+                    await changed.wait(limit.left_s)
         finally:
             self._store.waiters.discard(waiter)
 

@@ -29,9 +29,9 @@ from tfbus.command.types import (
     own_name,
 )
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
-from tfbus.frames.track import track_from_buffer, track_from_file
+from tfbus.frames.track import track_from_buffer
 from tfbus.geometry.sampling import Sampling
-from tfbus.geometry.trajectory import Trajectory
+from tfbus.geometry.trajectory import Trajectory, read_echo
 from tfbus.wire.fleet import Fleet
 
 if TYPE_CHECKING:
@@ -114,7 +114,11 @@ def command(
                 "--from plots all poses of a file: omit the frames, --for, --rate and --max-gap, "
                 "or give --bag"
             )
+<<<<<<< HEAD
         track = track_from_file(_of_option("--from", IN_FILE, from_text))
+=======
+        track = read_echo(IN_FILE.convert(from_text, None, click.get_current_context()))
+>>>>>>> h-walks
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
     elif bag is not None:

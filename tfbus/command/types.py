@@ -19,7 +19,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from tfbus.base.errors import InvalidNameError, TfbusError
-from tfbus.base.names import mistake_in
+from tfbus.base.wording import mistake_in
 from tfbus.bus.settings import LOG_LEVELS, NodeSettings, log_level_of
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, check_topic
 from tfbus.wire.limits import size_in, size_text

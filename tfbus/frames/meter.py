@@ -16,7 +16,7 @@ from tfbus.base import scheduler
 from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.errors import DecodeError
 from tfbus.base.lazy_numpy import NDArray
-from tfbus.base.names import mistake_in
+from tfbus.base.wording import mistake_in
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.report import (
     Edge,

@@ -15,8 +15,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from tfbus.base.errors import DecodeError
-from tfbus.base.names import is_printable
-from tfbus.base.wording import printable
+from tfbus.base.wording import is_printable, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph import where_to_look
 from tfbus.frames.clocks import (
@@ -43,7 +42,7 @@ from tfbus.recording.items import (
 )
 from tfbus.recording.state import BusState, LastingStatics, Statics
 from tfbus.streams.conflicts import Conflicts
-from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.info import StreamInfo, StreamState
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.streams.stream_facts import ReceptionHooks
 from tfbus.wire.codec import from_map
@@ -479,8 +478,7 @@ class RecordedFrames:
     def streams(self) -> list[StreamInfo]:
         """All streams that are or were there, sorted by name."""
         return [
-            stream_info(name, stream.state, stream.reception)
-            for name, stream in sorted(self._streams.items())
+            stream.reception.report(stream.state) for _, stream in sorted(self._streams.items())
         ]
 
     def tree(self) -> FrameTree:

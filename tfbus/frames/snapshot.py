@@ -6,9 +6,8 @@ from functools import cached_property
 from typing import Literal
 
 from tfbus.base.clock import Clock
-from tfbus.base.names import mistake_in
 from tfbus.base.stamps import is_of_simulated_clock, other_unit
-from tfbus.base.wording import counted, duration, listed, natural_order, printable
+from tfbus.base.wording import counted, duration, listed, mistake_in, natural_order, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.clocks import (

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TypeAlias
 
 from tfbus.base import lazy_numpy as np
 from tfbus.base.lazy_numpy import NDArray
 from tfbus.buffer.buffer import Buffer
-from tfbus.geometry.trajectory import Trajectory, check_count, of_checked, read_echo
+from tfbus.geometry.trajectory import Trajectory, check_count, of_checked
 
 Floats: TypeAlias = "NDArray[np.float64]"
 
@@ -67,14 +66,6 @@ def angular_speed(track: Trajectory) -> Floats:
     angle = 4.0 * np.arctan2(np.minimum(apart, along), np.maximum(apart, along))
     speed: Floats = angle / np.diff(seconds_of(track))
     return speed
-
-
-def track_from_file(path: Path) -> Trajectory:
-    """The poses in a file written by `tfbus echo --format csv` or `json`.
-
-    Raises DecodeError, which names the line, if the file is neither.
-    """
-    return read_echo(path)
 
 
 def track_from_buffer(

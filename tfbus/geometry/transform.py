@@ -18,8 +18,8 @@ from tfbus.base import lazy_numpy as np
 from tfbus.base.arguments import SourceSignature, called_as
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.lazy_numpy import ArrayLike, NDArray
-from tfbus.base.names import mistake_in
 from tfbus.base.stamps import LATEST_STAMP_NS
+from tfbus.base.wording import mistake_in
 from tfbus.geometry.kernel import (
     IDENTITY,
     Pose,

@@ -20,9 +20,8 @@ from tfbus.base.errors import (
     TransformException,
 )
 from tfbus.base.executor import Executor
-from tfbus.base.names import mistake_in
 from tfbus.base.signals import StopSignals
-from tfbus.base.wording import counted
+from tfbus.base.wording import counted, mistake_in
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.messages import stamps_in
 from tfbus.buffer.pending import PendingLookup

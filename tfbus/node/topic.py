@@ -3,11 +3,11 @@
 import logging
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
 from tfbus.base import scheduler
 from tfbus.base.arguments import is_async
+from tfbus.base.clock import LoopBell
 from tfbus.base.errors import DecodeError
 from tfbus.base.log import LogOnce
 from tfbus.base.signals import StopSignals, Wakeup
@@ -167,27 +167,17 @@ class Subscription(NodeEndpoint, Generic[M]):
 
     async def __aiter__(self) -> AsyncIterator[Any]:
         """The same, for asyncio."""
-        import asyncio  # slow to import, and most processes do not need it
-
         self._check_iterable()
-        loop, changed = asyncio.get_running_loop(), asyncio.Event()
-
-        def wake() -> None:
-            with suppress(RuntimeError):  # the loop may be closed already
-                loop.call_soon_threadsafe(changed.set)
-
-        self._wakes[wake] = None
+        changed = LoopBell()
+        self._wakes[changed.ring] = None
         try:
             while not self.closed and not self._signals.stopped:
-                changed.clear()
                 if (message := self._next()) is None:
-                    with suppress(TimeoutError):
-                        async with asyncio.timeout(_LOOK_UP_S):
-                            await changed.wait()
+                    await changed.wait(_LOOK_UP_S)
                 elif (item := self._item(message)) is not None:
                     yield item
         finally:
-            self._wakes.pop(wake, None)
+            self._wakes.pop(changed.ring, None)
 
     def _check_iterable(self) -> None:
         if not self._is_iterated:

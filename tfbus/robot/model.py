@@ -9,8 +9,7 @@ from math import inf, isfinite, pi
 from pathlib import Path
 
 from tfbus.base.errors import UrdfError
-from tfbus.base.names import MOST_LETTERS
-from tfbus.base.wording import did_you_mean, listed, printable
+from tfbus.base.wording import MOST_LETTERS, did_you_mean, listed, printable
 from tfbus.geometry.transform import Transform
 from tfbus.robot.mesh_files import file_beside, parts_of
 from tfbus.robot.xml import Element

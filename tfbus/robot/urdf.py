@@ -9,8 +9,7 @@ from collections.abc import Iterator, Mapping
 from math import hypot, inf, isfinite, isnan
 
 from tfbus.base.errors import UrdfError
-from tfbus.base.names import mistake_in
-from tfbus.base.wording import counted, listed, printable
+from tfbus.base.wording import counted, listed, mistake_in, printable
 from tfbus.geometry.transform import Transform
 from tfbus.robot.mesh_files import MeshFiles, MeshPathError
 from tfbus.robot.model import (

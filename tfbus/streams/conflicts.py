@@ -378,7 +378,8 @@ class Conflicts:
     def _revoke_permits(self, senders: set[str]) -> None:
         """Judge rows that these streams have under way again: other streams list other frames."""
         for reception in self._known(sorted(senders)):
-            reception.revoke_permit()
+            with reception.facts.lock:
+                reception.facts.revoke_permit()
 
     def _take_back(self, name: str, frames: frozenset[str]) -> None:
         """Take the frames that a stream lists from streams that do not list them."""

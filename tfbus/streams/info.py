@@ -1,16 +1,9 @@
-"""Streams as values: their state by tokens and descriptions, and the report with its counts."""
+"""Streams as values: their state by tokens and descriptions, their counts, and reports of both."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-from tfbus.base.structs import Struct, replace
+from tfbus.base.structs import Struct, fields_of, replace
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.keys import namespace_of
 from tfbus.wire.numbered import FLOAT64
-
-if TYPE_CHECKING:
-    from tfbus.streams.reception import StreamReception
 
 # Streams come and go: at most this many gone streams are remembered.
 MOST_GONE = 1000
@@ -100,33 +93,91 @@ class StreamInfo(Struct):
     unreadable: str = ""
 
 
-def stream_info(name: str, state: StreamState | None, stream: StreamReception | None) -> StreamInfo:
-    """The report of a stream, from its token, its description, and its counts."""
+# The weight of one message in the mean delay.
+_SMOOTHING = 0.1
+
+# The names of a stream's counts.
+_COUNTED = tuple(
+    each.name
+    for each in fields_of(StreamInfo)[9:]
+    if each.name not in ("clock_offset_s", "origin", "namespace", "silent", "poses")
+)
+
+
+class StreamCounts:
+    """The counts of one stream, under the names that they have in `StreamInfo`, which explains
+    them.
+
+    Not safe by itself: hold the stream's lock to change it. Any thread may read it.
+    """
+
+    # A `Struct`, or attributes in a dict, would take longer to count.
+    __slots__ = _COUNTED
+
+    def __init__(self) -> None:
+        self.messages = self.transforms = self.bytes = self.missed = 0
+        self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
+        self.unnamed = 0
+        self.unreadable = ""
+        self.last_heard_ns: int | None = None
+        self.delay_s: float | None = None
+        self.last_delay_s: float | None = None
+        self.kept_delay_s: float | None = None
+
+    def add(self, transforms: int, size: int, heard_ns: int, delay_s: float | None = None) -> None:
+        """Count one message of `transforms` rows and `size` bytes, which came at `heard_ns`; with
+        its delay if it has one that is known.
+        """
+        self.messages += 1
+        self.transforms += transforms
+        self.bytes += size
+        self.last_heard_ns = heard_ns
+        if delay_s is not None:
+            former_s = self.delay_s
+            self.last_delay_s = delay_s
+            self.delay_s = (
+                delay_s if former_s is None else former_s + _SMOOTHING * (delay_s - former_s)
+            )
+
+    def add_kept(self, transforms: int, size: int, delay_s: float | None) -> None:
+        """Count a message that the stream had kept, and how old it was when it came if that is
+        known.
+        """
+        self.messages += 1
+        self.transforms += transforms
+        self.bytes += size
+        former_s = self.kept_delay_s
+        if delay_s is not None:
+            self.kept_delay_s = delay_s if former_s is None else min(former_s, delay_s)
+
+    def added_to(self, info: StreamInfo) -> StreamInfo:
+        """The report with all of them."""
+        counts = {name: getattr(self, name) for name in _COUNTED}
+        counts["unreadable"] = self.unreadable or info.unreadable
+        return replace(info, **counts)
+
+    def forget_delays(self) -> None:
+        """Forget the delays: a new epoch may be by another clock."""
+        self.delay_s = self.last_delay_s = self.kept_delay_s = None
+
+
+def described_stream(name: str, state: StreamState | None) -> StreamInfo:
+    """The report of a stream without counts, from its token and its description."""
     info = StreamInfo(name)
-    if state is not None:
-        info = replace(
-            info, alive=state.alive, silent=state.silent, namespace=namespace_of(state.key)
-        )
-    if state is not None and state.description is not None:
-        description = state.description
-        info = replace(
-            info,
-            node=description.node,
-            host=description.host,
-            pid=description.pid,
-            session=description.session,
-            epoch_ns=description.epoch,
-            frames=description.frames,
-            priority=description.priority,
-            origin=description.origin,
-            poses=description.poses,
-        )
-    if stream is not None:
-        info = replace(
-            info,
-            epoch_ns=info.epoch_ns if stream.epoch_ns is None else stream.epoch_ns,
-            **stream.counts.as_map(),
-        )
-    if state is not None and state.description is None and not info.unreadable:
-        info = replace(info, unreadable=state.unreadable)
-    return info
+    if state is None:
+        return info
+    info = replace(info, alive=state.alive, silent=state.silent, namespace=namespace_of(state.key))
+    if (description := state.description) is None:
+        return replace(info, unreadable=state.unreadable)
+    return replace(
+        info,
+        node=description.node,
+        host=description.host,
+        pid=description.pid,
+        session=description.session,
+        epoch_ns=description.epoch,
+        frames=description.frames,
+        priority=description.priority,
+        origin=description.origin,
+        poses=description.poses,
+    )

@@ -11,8 +11,8 @@ from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
-from tfbus.base.names import is_printable
 from tfbus.base.structs import replace
+from tfbus.base.wording import is_printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
@@ -21,7 +21,7 @@ from tfbus.node.node import Node
 from tfbus.streams.clock_offset import ClockOffsets
 from tfbus.streams.conflicts import Claimant, Conflicts, Rule, name_some
 from tfbus.streams.frame_names import StreamNames, StreamRights
-from tfbus.streams.info import StreamInfo, StreamState, stream_info
+from tfbus.streams.info import StreamInfo, StreamState, described_stream
 from tfbus.streams.interest import Everything, Interest, Reading
 from tfbus.streams.queries import AskedHistory, StaticRecovery
 from tfbus.streams.reception import (
@@ -249,7 +249,9 @@ class TransformListener:
         states = {name: self._names.called(state) for name, state in self._watch.streams().items()}
         receptions = {name: it.reception for name, it in self._registry.streams().items()}
         infos = [
-            stream_info(name, states.get(name), receptions.get(name))
+            receptions[name].report(states.get(name))
+            if name in receptions
+            else described_stream(name, states[name])
             for name in sorted(states.keys() | receptions.keys())
         ]
         offsets = [self._offsets.last_of(info.session) for info in infos]

@@ -13,10 +13,12 @@ from functools import partial
 
 from tfbus.base import scheduler
 from tfbus.base.errors import DecodeError
+from tfbus.base.structs import replace
 from tfbus.base.wording import listed, printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.columns import Columns
+from tfbus.streams.info import StreamCounts, StreamInfo, StreamState, described_stream
 from tfbus.streams.stages import (
     Admission,
     Contest,
@@ -30,7 +32,6 @@ from tfbus.streams.stream_facts import (
     OF_NAMES,
     Publisher,
     ReceptionHooks,
-    StreamCounts,
     StreamFacts,
 )
 from tfbus.wire.descriptions import StreamDescription
@@ -101,6 +102,11 @@ class StreamReception:
         """The epoch that counts; None before the first message."""
         return self.facts.epochs.present_ns
 
+    def report(self, state: StreamState | None) -> StreamInfo:
+        """The report of the stream with its counts; `state` is its token and its description."""
+        info = self.counts.added_to(described_stream(self.name, state))
+        return info if self.epoch_ns is None else replace(info, epoch_ns=self.epoch_ns)
+
     # Messages
 
     def store(self, rows: Columns, epoch_ns: int, static: bool, permit: Permit) -> bool | None:
@@ -115,11 +121,6 @@ class StreamReception:
         if self.marks.left_behind or self.facts.epochs.gone:
             self.marks.settle(rows)
         return are_taken
-
-    def revoke_permit(self) -> None:
-        """Have rows that are under way judged again."""
-        with self.facts.lock:
-            self.facts.revoke_permit()
 
     def receive_kept(self, payload: bytes) -> None:
         """Receive a message that the stream has kept, and that may have come before.

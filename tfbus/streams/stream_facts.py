@@ -13,15 +13,13 @@ import math
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
-from typing import Any
 
 from tfbus.base import scheduler
 from tfbus.base.log import LogOnce
-from tfbus.base.structs import fields_of
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.columns import Columns
-from tfbus.streams.info import StreamInfo
+from tfbus.streams.info import StreamCounts
 from tfbus.wire.transforms import TransformMessage
 
 # Late messages of a dead process come within a moment: messages closer together count once.
@@ -368,72 +366,6 @@ def _is_before(seq: int | None, other: int | None) -> bool:
     return seq is not None and other is not None and seq < other
 
 
-# The weight of one message in the mean delay.
-_SMOOTHING = 0.1
-
-# The names of a stream's counts.
-_COUNTED = tuple(
-    each.name
-    for each in fields_of(StreamInfo)[9:]
-    if each.name not in ("clock_offset_s", "origin", "namespace", "silent", "poses")
-)
-
-
-class StreamCounts:
-    """The counts of one stream, under the names that they have in `StreamInfo`, which explains
-    them.
-
-    Not safe by itself: hold the stream's lock to change it. Any thread may read it.
-    """
-
-    # A `Struct`, or attributes in a dict, would take longer to count.
-    __slots__ = _COUNTED
-
-    def __init__(self) -> None:
-        self.messages = self.transforms = self.bytes = self.missed = 0
-        self.outdated = self.disputed = self.rejected = self.excluded = self.forbidden = 0
-        self.unnamed = 0
-        self.unreadable = ""
-        self.last_heard_ns: int | None = None
-        self.delay_s: float | None = None
-        self.last_delay_s: float | None = None
-        self.kept_delay_s: float | None = None
-
-    def add(self, transforms: int, size: int, heard_ns: int, delay_s: float | None = None) -> None:
-        """Count one message of `transforms` rows and `size` bytes, which came at `heard_ns`; with
-        its delay if it has one that is known.
-        """
-        self.messages += 1
-        self.transforms += transforms
-        self.bytes += size
-        self.last_heard_ns = heard_ns
-        if delay_s is not None:
-            former_s = self.delay_s
-            self.last_delay_s = delay_s
-            self.delay_s = (
-                delay_s if former_s is None else former_s + _SMOOTHING * (delay_s - former_s)
-            )
-
-    def add_kept(self, transforms: int, size: int, delay_s: float | None) -> None:
-        """Count a message that the stream had kept, and how old it was when it came if that is
-        known.
-        """
-        self.messages += 1
-        self.transforms += transforms
-        self.bytes += size
-        former_s = self.kept_delay_s
-        if delay_s is not None:
-            self.kept_delay_s = delay_s if former_s is None else min(former_s, delay_s)
-
-    def as_map(self) -> dict[str, Any]:
-        """All of them by name."""
-        return {name: getattr(self, name) for name in _COUNTED}
-
-    def forget_delays(self) -> None:
-        """Forget the delays: a new epoch may be by another clock."""
-        self.delay_s = self.last_delay_s = self.kept_delay_s = None
-
-
 def lines_of(log: logging.Logger) -> LogOnce:
     """The log for repeated events of streams."""
     return LogOnce(log, again_s=_LINES_APART_S, most=_MOST_LINES)
@@ -455,7 +387,7 @@ class ReceptionHooks:
 
     def claimed_by_others(self, stream: str, children: frozenset[str]) -> frozenset[str]:
         """The frames among these, which the stream sends and does not list, that others list.
-        When that changes, the stream's `revoke_permit` is called.
+        When that changes, the stream's permit is taken back.
         """
         return frozenset()
 

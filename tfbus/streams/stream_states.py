@@ -6,9 +6,8 @@ from collections.abc import Callable
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import DecodeError
 from tfbus.base.log import LogOnce
-from tfbus.base.names import is_printable
 from tfbus.base.structs import replace
-from tfbus.base.wording import printable
+from tfbus.base.wording import is_printable, printable
 from tfbus.streams.frame_names import StreamRights
 from tfbus.streams.info import MOST_GONE, StreamState
 from tfbus.wire.descriptions import StreamDescription, read_description

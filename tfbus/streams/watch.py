@@ -16,12 +16,16 @@ from tfbus.base.structs import replace
 from tfbus.bus.query import Answer
 from tfbus.bus.retained import declare_signed_subscriber
 from tfbus.bus.session import ENDS_LATE_S, Session
-from tfbus.streams.description_queries import DescriptionQueries
+from tfbus.streams.description_queries import (
+    DescriptionQueries,
+    FairQueue,
+    Received,
+    WantedStreams,
+)
 from tfbus.streams.frame_names import StreamRights
 from tfbus.streams.info import StreamState
 from tfbus.streams.owners import Owners
 from tfbus.streams.stream_states import StreamStates
-from tfbus.streams.wanted import FairQueue, Received, WantedStreams
 from tfbus.wire.keys import ALL_STREAMS, ALL_STREAMS_EVERYWHERE, namespace_of, stream_of
 
 # News of a token may arrive in the wrong order, moments apart: times are kept of this many tokens.

@@ -4,9 +4,16 @@ import sys
 from array import array
 from typing import Any
 
-from tfbus.base.names import MOST_LETTERS, is_printable, mistake_in
 from tfbus.base.structs import Struct, field, replace
-from tfbus.base.wording import counted, duration, listed, printable
+from tfbus.base.wording import (
+    MOST_LETTERS,
+    counted,
+    duration,
+    is_printable,
+    listed,
+    mistake_in,
+    printable,
+)
 from tfbus.geometry.packed import POSE_SIZE
 from tfbus.wire.codec import as_map, decode_message, encode_map
 from tfbus.wire.numbered import FLOAT64, FrameNumbers

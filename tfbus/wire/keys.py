@@ -8,8 +8,7 @@ part of no key here: Zenoh puts it in front (its `namespace` setting).
 import re
 
 from tfbus.base.errors import InvalidNameError
-from tfbus.base.names import is_printable
-from tfbus.base.wording import printable
+from tfbus.base.wording import is_printable, printable
 
 TRANSFORMS = "tf"
 STATIC_TRANSFORMS = "tf_static"

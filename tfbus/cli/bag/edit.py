@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from tfbus.base.errors import DecodeError, InvalidNameError, TfbusError
-from tfbus.base.names import is_printable
-from tfbus.base.wording import counted, did_you_mean, listed, printable
+from tfbus.base.wording import counted, did_you_mean, is_printable, listed, printable
 from tfbus.cli.bag.files import (
     FRAMES,
     STREAMS,

@@ -11,8 +11,7 @@ from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
-from tfbus.base.names import mistake_in
-from tfbus.base.wording import printable
+from tfbus.base.wording import mistake_in, printable
 from tfbus.geometry.columns import Columns
 from tfbus.node.node import Node
 from tfbus.ros.bridge.legs import Leg

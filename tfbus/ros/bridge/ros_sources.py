@@ -5,8 +5,7 @@ from dataclasses import dataclass, field
 
 from tfbus.base import scheduler
 from tfbus.base.errors import RightsError
-from tfbus.base.names import is_printable
-from tfbus.base.wording import printable
+from tfbus.base.wording import is_printable, printable
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from tfbus.base.errors import DecodeError, SettingsError, TfbusError
-from tfbus.base.names import mistake_in
-from tfbus.base.wording import did_you_mean, printable
+from tfbus.base.wording import did_you_mean, mistake_in, printable
 from tfbus.base.yaml_file import Value, read_yaml_file
 from tfbus.ros.counterparts import (
     AS_IN_ROS,

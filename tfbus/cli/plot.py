@@ -114,11 +114,7 @@ def command(
                 "--from plots all poses of a file: omit the frames, --for, --rate and --max-gap, "
                 "or give --bag"
             )
-<<<<<<< HEAD
-        track = track_from_file(_of_option("--from", IN_FILE, from_text))
-=======
-        track = read_echo(IN_FILE.convert(from_text, None, click.get_current_context()))
->>>>>>> h-walks
+        track = read_echo(_of_option("--from", IN_FILE, from_text))
     elif target is None or source is None:
         raise click.UsageError("name two frames: tfbus plot world turtle1")
     elif bag is not None:

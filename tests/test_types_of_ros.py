@@ -219,7 +219,9 @@ def test_the_command_line_has_it(message: Any, bus: Bus) -> None:
     sender = node.create_publisher(type(message), "here")
     echo = bus.start("topic", "echo", "here", type(message).__name__, "--json")
     send_until(lambda: sender.publish(message), lambda: bool(echo.out))
-    assert json.dumps(json.loads(echo.out[0])) == as_json(message)
+    # JSON has no other word for what is no number.
+    shown = as_json(message).replace("NaN", "null").replace("Infinity", "null")
+    assert json.dumps(json.loads(echo.out[0])) == shown
 
 
 @every_type

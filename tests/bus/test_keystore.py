@@ -205,7 +205,7 @@ def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, r
     [
         (("add", "arm", "--role", "reader"), 2, "there is an identity 'arm' already"),
         (("add", "authority", "--role", "reader"), 2, "'authority'"),
-        (("add", "a b", "--role", "reader"), 1, "cannot be a node's name"),
+        (("add", "a b", "--role", "reader"), 2, "cannot be a node's name"),
         (("add", "leg"), 2, "Missing option '--role'"),
         (("add", "leg", "--role", "boss"), 2, "'boss' is not one of"),
         (("add", "leg", "--role", "reader", "--frames", "a**"), 2, "whole parts"),

@@ -2,6 +2,7 @@
 
     python scripts/environment.py packages EXTRA    tfbus in place, interpreted, and what it needs
     .venv/bin/python scripts/environment.py kernel  compile what has changed, and wait for it
+    .venv/bin/python scripts/environment.py tests   write the bytecode of the tests
     .venv/bin/python scripts/environment.py run COMMAND...
                                                     compile while COMMAND runs, for the next
 
@@ -44,6 +45,8 @@ def main() -> None:
             install(extra, compiled=extra == "dev" and not writes_bytecode)
         case ["kernel"]:
             compile_kernel()
+        case ["tests"]:
+            write_bytecode_of_tests()
         case ["run", *command]:
             sys.exit(run(command))
         case _:
@@ -131,6 +134,12 @@ def compile_kernel() -> None:
 def is_compiled() -> bool:
     """Whether the kernel is there, be it of older sources."""
     return any((HERE / "tfbus").rglob("*.so"))
+
+
+def write_bytecode_of_tests() -> None:
+    """Once, before several processes would each write all of it."""
+    collect = [str(PYTHON), "-m", "pytest", "--collect-only", "--quiet"]
+    step("Write the bytecode of the tests", collect, may_fail=True)
 
 
 def run(command: list[str]) -> int:

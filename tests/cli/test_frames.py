@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from tests import live_bus
-from tests.buses import keep_sending, send_static
+from tests.buses import DEADLINE_S, keep_sending, send_static
 from tests.processes.sim_time import follower, start_clock
 from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
@@ -142,7 +142,7 @@ def test_a_full_disk_leaves_the_former_file(robot: Bus, tmp_path: Path, ending: 
 @pytest.mark.real
 def test_a_full_disk_behind_stdout_is_one_sentence(robot: live_bus.Bus) -> None:
     """Output that cannot be written ends with exit code 1 and the reason."""
-    shell = 'exec "$@" > /dev/full'
+    shell = f'exec "$@" --wait-time {DEADLINE_S} > /dev/full'
     done = robot.start_command(
         ["bash", "-c", shell, "bash", sys.executable, "-m", "tfbus", "frames"]
     )

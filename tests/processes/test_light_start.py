@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.buses import keep_sending, send_static
+from tests.buses import DEADLINE_S, keep_sending, send_static
 from tests.live_bus import Bus
 
 pytestmark = pytest.mark.real
@@ -24,7 +24,11 @@ def test_a_node_that_uses_single_transforms_imports_nothing_heavy(bus: Bus) -> N
 
 @pytest.mark.parametrize(
     "command",
-    [("echo", "map", "camera", "--count", "1"), ("frames",), ("why", "map", "camera")],
+    [
+        ("echo", "map", "camera", "--count", "1"),
+        ("frames", "--wait-time", str(DEADLINE_S)),
+        ("why", "map", "camera"),
+    ],
     ids=lambda command: command[0],
 )
 def test_commands_that_print_poses_need_no_numpy(bus: Bus, command: tuple[str, ...]) -> None:

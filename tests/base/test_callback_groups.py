@@ -175,8 +175,8 @@ def test_nothing_of_a_group_runs_after_close(executor: Executor) -> None:
     executor.end()
     blocked.go_on.set()
     executor.close()
+    eventually(lambda: "groups" not in {thread.name for thread in threading.enumerate()})
     assert not behind.is_set()
-    assert not [thread for thread in threading.enumerate() if thread.name == "groups"]
 
 
 def test_a_group_is_of_one_node() -> None:

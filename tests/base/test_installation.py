@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.buses import DEADLINE_S
 from tfbus.base.installation import commit_of_clone, version_and_origin
 
 pytestmark = pytest.mark.real
@@ -25,6 +26,8 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A repository of one commit."""
     for name in ("GIT_DIR", "GIT_WORK_TREE", "GIT_INDEX_FILE"):
         monkeypatch.delenv(name, raising=False)
+    # On a busy machine git itself takes longer than its users would wait.
+    monkeypatch.setattr("tfbus.base.installation._GIT_WITHIN_S", DEADLINE_S)
     folder = tmp_path / "clone"
     folder.mkdir()
     (folder / "pyproject.toml").write_text("")

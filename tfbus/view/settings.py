@@ -68,6 +68,10 @@ class TopicSettings:
     Of points in one cube of `voxel` cm one is drawn, with 0 each, and at most `most_points` of a
     message. Images are JPEG of this `quality`. Markers of `hidden` namespaces are not drawn.
 
+    Shapes of one colour have `rgb`, such as "#ff8800", or with "" that of their kind. Arrows, balls
+    and views of cameras are `scale` times as large. Maps, arrows, balls, cones and ellipsoids have
+    the `opacity`. Maps have the `color` "auto", or "costmap" as RViz has it, 1 cm above their plane.
+
     Topics of one `group` are drawn, or not, together; "" is none.
     """
 
@@ -86,6 +90,16 @@ class TopicSettings:
     quality: float = 75.0
     hidden: tuple[str, ...] = ()
     group: str = ""
+    rgb: str = ""
+    opacity: float = 1.0
+    scale: float = 1.0
+
+    def painted(self, own: tuple[int, int, int]) -> tuple[int, int, int]:
+        """The colour of a shape that has this one of its own: `rgb`, if that is given."""
+        if not self.rgb:
+            return own
+        red, green, blue = bytes.fromhex(self.rgb.removeprefix("#"))
+        return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -290,6 +304,8 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
         _check_range(name, value)
     if name == "shapes" and value not in SHAPES:
         raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
+    if name == "rgb" and not re.fullmatch("(#?[0-9a-fA-F]{6})?", value):
+        raise SettingsError(f"rgb must be a colour such as '#ff8800', got {value!r}")
     if name in ("only", "never"):
         NameFilter(value)
     return value

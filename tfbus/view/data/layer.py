@@ -18,15 +18,15 @@ from tfbus.geometry.transform import Transform
 from tfbus.messages import CompressedImage, Image
 from tfbus.view.data.markers import item_of
 from tfbus.view.data.shapes import (
+    RGB_OF,
     Frustum,
     Item,
     Points,
     Shape,
-    arrow_at,
     columns_of,
-    ellipsoid,
     items_of,
     line_along,
+    pose_and_doubt,
 )
 from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
@@ -327,9 +327,9 @@ class TopicLayer:
     def _draw_odometry(
         self, odometry: messages.Odometry, now_s: float, settings: TopicSettings
     ) -> None:
-        trail = line_along(np.array(self._trail).reshape(-1, 3), (230, 120, 20))
-        arrow, doubt = arrow_at(odometry.pose.pose), ellipsoid(odometry.pose)
-        shapes: tuple[Shape, ...] = (trail, arrow, *doubt)
+        rgb = settings.painted(RGB_OF[messages.Odometry])
+        trail = line_along(np.array(self._trail).reshape(-1, 3), rgb)
+        shapes: tuple[Shape, ...] = (trail, *pose_and_doubt(odometry.pose, settings))
         stamp_ns = odometry.stamp_ns
         self._add(Item("", odometry.frame_id, stamp_ns, shapes, is_locked=settings.locked), now_s)
 
@@ -438,7 +438,7 @@ def _frustum(
         return []
     fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / focal)
     fov_y_rad = min(max(fov_y_rad, 0.01), 3.0)
-    shape = Frustum(fov_y_rad, picture, quality=int(settings.quality))
+    shape = Frustum(fov_y_rad, picture, settings.scale, int(settings.quality))
     return [Item("", image.frame_id, image.stamp_ns, (shape,), is_locked=settings.locked)]
 
 

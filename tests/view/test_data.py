@@ -671,6 +671,19 @@ def test_a_topic_that_is_not_drawn_says_why_once(
     scenes.close()
 
 
+def test_why_a_marker_is_not_drawn_stays_while_it_comes_again(buffer: Buffer) -> None:
+    """Also between its next message and the drawing of that; it goes once all was drawn."""
+    layer = layer_of(marker())
+    for fails in (True, True, False):
+        layer.step(buffer, "map", 0.0, SETTINGS)
+        if fails:
+            layer.fail(ValueError("no such mesh"), next(iter(layer.placed)))
+        assert layer.trouble == "no such mesh"
+        layer.was_sent(3 * S)
+        assert bool(layer.trouble) is fails
+        layer.waiting.put(marker())
+
+
 KNOWN = PoseWithCovariance(covariance=tuple(map(float, np.eye(6).ravel())))
 
 

@@ -81,6 +81,9 @@ class TopicLayer:
         self.drawn = 0
         self.dropped: Counter[str] = Counter()
         self._refusal = self._waits_for = ""
+        # Why the last message that was sent to browsers could not be, in part.
+        self._undrawn = ""
+        self._is_new = self._has_failed = False
         self._unplaced: dict[object, tuple[Item, float]] = {}
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
@@ -93,7 +96,7 @@ class TopicLayer:
     @property
     def trouble(self) -> str:
         """Why the last message, or part of it, is not drawn; "" if it is."""
-        return self._refusal or self._waits_for
+        return self._refusal or self._undrawn or self._waits_for
 
     @property
     def waiting_count(self) -> int:
@@ -105,6 +108,9 @@ class TopicLayer:
         if self._newest_ns:
             self.age_s = (now_ns - self._newest_ns) / 1e9
             self._newest_ns = 0
+        if self._is_new and not self._has_failed:
+            self._undrawn = ""
+        self._is_new = self._has_failed = False
 
     def step(
         self,
@@ -131,10 +137,12 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
+        before = self.drawn
         if self._pace_s >= self._due_s and self.waiting.is_every:
             self._take_every(now_s, settings)
         elif self._pace_s >= self._due_s:
             self._take_newest(buffer, now_s, settings, camera)
+        self._is_new = self._is_new or self.drawn != before
         self._place(buffer, now_s)
 
     def recall(
@@ -388,7 +396,8 @@ class TopicLayer:
         if key is None:
             self._unplaced.clear()
         self._remove(key)
-        self._refuse(error)
+        self.dropped["cannot be drawn"] += 1
+        self._undrawn, self._has_failed = printable(str(error), 300), True
 
     def _refuse(self, error: Exception) -> None:
         self.dropped["cannot be drawn"] += 1

@@ -3,16 +3,20 @@
 import asyncio
 import json
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view.panels.controls import Control, FrameDropdown
+from tfbus.view.frames import Frames
+from tfbus.view.panels.controls import Control, DisplayPanel, FrameDropdown
 from tfbus.view.panels.markup import Channel
-from tfbus.view.settings import ViewSettings, ViewState
+from tfbus.view.settings import Selections, TopicSettings, ViewSettings, ViewState
 
 
 class Handle(SimpleNamespace):
@@ -97,3 +101,43 @@ def test_each_event_is_taken_from_its_browser_in_order() -> None:
     for client, frame in ((1, "arm"), (2, "base"), (1, "map")):
         field.set_by(json.dumps({"do": "select", "frame": frame}), client)()
     assert taken == [(1, "arm"), (2, "base"), (1, "map")]
+
+
+def test_a_file_of_settings_replaces_them_and_a_wrong_one_does_not() -> None:
+    """As a browser loads it, by what it downloaded before; a wrong file is told in one sentence."""
+    gui, view = MagicMock(), ViewState(ViewSettings(follow="base"))
+    gui.add_text.side_effect = lambda label, value, hint: Handle(value=value)
+    told: list[Any] = []
+    gui.add_html.side_effect = lambda content: told.append(Handle(content=content)) or told[-1]
+    buttons = {"Download settings": MagicMock(), "Save settings": MagicMock()}
+    gui.add_button.side_effect = lambda label, **options: buttons[label]
+    panel = DisplayPanel(gui, view, Selections(), Path("view.yaml"))
+    [[download], _] = buttons["Download settings"].on_click.call_args
+    [[load], _] = gui.add_upload_button.return_value.on_upload.call_args
+    browser = MagicMock()
+    plan = TopicSettings("plan", group="navigation", rgb="#0a0b0c", hidden=("x",))
+    chosen = replace(view.settings, only="^a", topics=(plan,), hidden_groups=("navigation",))
+    view.load(chosen)
+    download(SimpleNamespace(client=browser, client_id=1))
+    [[name, content], _] = browser.send_file_download.call_args
+
+    def comes(content: bytes) -> str:
+        file = SimpleNamespace(name="nav.yaml", content=content)
+        load(SimpleNamespace(target=SimpleNamespace(value=file)))
+        return str(told[-1].content)
+
+    view.load(ViewSettings(dark=True))
+    assert name == "view.yaml"
+    assert "Loaded nav.yaml" in comes(content)
+    assert view.settings == chosen
+    panel.refresh(Frames())
+    for wrong, said in (
+        (b"topics: [{topic: a, size: <b>}]", "nav.yaml: size must be a number"),
+        (b"\xff", "nav.yaml is no text"),
+        (b" " * 2_000_000, "too large"),
+        (b"3", "not a map of settings"),
+    ):
+        answer = comes(wrong)
+        assert said in answer
+        assert "<b>" not in answer
+        assert view.settings == chosen

@@ -44,7 +44,7 @@ from tfbus.messages import (
     Vector3,
 )
 from tfbus.view.data.layer import TopicLayer
-from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Points, Texture
+from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Lines, Points, Texture
 from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
 from tfbus.view.frames import frames_of
 from tfbus.view.scene.data import DataScenes
@@ -596,7 +596,9 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
 
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:
     """Wrong ones are refused by name."""
-    chosen = TopicSettings("scan", color="height", color_max=2.0, decay_s=2.0, locked=True)
+    chosen = TopicSettings(
+        "scan", color="height", color_max=2.0, decay_s=2.0, locked=True, rgb="#0a0b0c"
+    )
     save_settings(ViewSettings(topics=(chosen,)), tmp_path / "view.yaml")
     assert load_settings(tmp_path / "view.yaml").topics == (chosen,)
     for text, why in (
@@ -604,6 +606,7 @@ def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None
         ("topics: [3]", "list of maps"),
         ("topics: [{topic: a, colour: x}]", "'color'"),
         ("topics: [{topic: a, size: 1000}]", "from 0.1 to 100 cm"),
+        ("topics: [{topic: a, rgb: red}]", "such as '#ff8800'"),
     ):
         (tmp_path / "wrong.yaml").write_text(text)
         with pytest.raises(SettingsError, match=why):
@@ -666,6 +669,74 @@ def test_a_topic_that_is_not_drawn_says_why_once(
     [scan] = says()[2:]
     assert scan.startswith("Topic 'scan' ") and "no message" in scan
     scenes.close()
+
+
+def test_why_a_marker_is_not_drawn_stays_while_it_comes_again(buffer: Buffer) -> None:
+    """Also between its next message and the drawing of that; it goes once all was drawn."""
+    layer = layer_of(marker())
+    for fails in (True, True, False):
+        layer.step(buffer, "map", 0.0, SETTINGS)
+        if fails:
+            layer.fail(ValueError("no such mesh"), next(iter(layer.placed)))
+        assert layer.trouble == "no such mesh"
+        layer.was_sent(3 * S)
+        assert bool(layer.trouble) is fails
+        layer.waiting.put(marker())
+
+
+KNOWN = PoseWithCovariance(covariance=tuple(map(float, np.eye(6).ravel())))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Path(2 * S, "map", (PoseStamped(0, "map"), PoseStamped(0, "map"))),
+        PoseStamped(2 * S, "map"),
+        PoseArray(2 * S, "map", np.array([[0.0, 0, 0, 0, 0, 0, 1]])),
+        PointStamped(2 * S, "map"),
+        PoseWithCovarianceStamped(2 * S, "map", KNOWN),
+        Odometry(2 * S, "map", "base", KNOWN),
+        Range(2 * S, "base", 0, 0.5, 0.1, 4.0, 1.0),
+        cloud(2 * S),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_a_topic_has_a_colour_an_opacity_and_a_scale(buffer: Buffer, message: Any) -> None:
+    """Lines and points have no opacity; cones and ellipsoids are as large as what they mean."""
+    own, chosen = layer_of(message), layer_of(message)
+    own.step(buffer, "map", 0.0, replace(SETTINGS, color="flat"))
+    settings = replace(SETTINGS, color="flat", rgb="#0a0b0c", opacity=0.5, scale=2.0)
+    chosen.step(buffer, "map", 0.0, settings)
+    [[before], [after]] = ([each.item for each in layer.placed.values()] for layer in (own, chosen))
+    assert len(before.shapes) == len(after.shapes)
+    for was, found in zip(before.shapes, after.shapes, strict=True):
+        has_size = isinstance(found, Bodies) and found.kind != "cone" and found.opacity == 0.5
+        if isinstance(found, Bodies):
+            assert isinstance(was, Bodies)
+            assert found.opacity == was.opacity / 2.0
+            assert (found.scales == was.scales * (2.0 if has_size else 1.0)).all()
+        if not isinstance(found, Bodies) or has_size or found.kind == "cone":
+            assert isinstance(found, Bodies | Lines | Points)
+            assert (found.colors == (10, 11, 12)).all()
+
+
+def test_a_costmap_lies_clear_on_the_map_below_it(buffer: Buffer) -> None:
+    """In RViz's colours: free cells are clear; all others have the opacity of the topic."""
+    cells = np.array([[0, 1, 98, 99, 100, -1, 120]], np.int8)
+    layer = layer_of(OccupancyGrid.from_cells(2 * S, "map", cells, 0.05))
+    layer.step(buffer, "map", 0.0, replace(SETTINGS, color="costmap", opacity=0.5))
+    [placed] = layer.placed.values()
+    [texture] = placed.item.shapes
+    assert isinstance(texture, Texture)
+    wide = texture.rgba.shape[1] // cells.size
+    found = texture.rgba[0, ::wide].tolist()
+    assert found[0] == [0, 0, 0, 0]
+    assert [rgba[3] for rgba in found[1:5]] == [127] * 4
+    assert found[1][2] > 250 and found[2][0] > 245
+    assert [rgba[:3] for rgba in found[3:5]] == [[0, 255, 255], [255, 0, 255]]
+    assert found[5] == found[6]
+    assert 0 < found[5][3] < 127
+    assert 0.0 < placed.pose.xyz[2] <= 0.01
 
 
 def test_topics_of_a_hidden_group_are_not_subscribed() -> None:

@@ -68,6 +68,10 @@ class TopicSettings:
     Of points in one cube of `voxel` cm one is drawn, with 0 each, and at most `most_points` of a
     message. Images are JPEG of this `quality`. Markers of `hidden` namespaces are not drawn.
 
+    Shapes of one colour have `rgb`, such as "#ff8800", or with "" that of their kind. Arrows, balls
+    and views of cameras are `scale` times as large. Maps, arrows, balls, cones and ellipsoids have
+    the `opacity`. Maps are coloured by "auto", or as a "costmap" of RViz, 1 cm above their plane.
+
     Topics of one `group` are drawn, or not, together; "" is none.
     """
 
@@ -86,6 +90,16 @@ class TopicSettings:
     quality: float = 75.0
     hidden: tuple[str, ...] = ()
     group: str = ""
+    rgb: str = ""
+    opacity: float = 1.0
+    scale: float = 1.0
+
+    def painted(self, own: tuple[int, int, int]) -> tuple[int, int, int]:
+        """The colour of a shape that has this one of its own: `rgb`, if that is given."""
+        if not self.rgb:
+            return own
+        red, green, blue = bytes.fromhex(self.rgb.removeprefix("#"))
+        return red, green, blue
 
 
 @dataclass(frozen=True)
@@ -197,20 +211,28 @@ def load_settings(path: Path) -> ViewSettings:
         text = path.read_text()
     except (OSError, UnicodeDecodeError) as error:
         raise SettingsError(f"cannot read the settings {path}: {error}") from error
+    return read_settings(text, str(path))
+
+
+def read_settings(text: str, name: str) -> ViewSettings:
+    """The settings in a text of YAML, of the file `name`; others have their defaults.
+
+    Raises SettingsError if it is no map, or has a wrong name or value.
+    """
     try:
         values = yaml.safe_load(text)
     except yaml.MarkedYAMLError as error:
         line, reason = yaml_mistake(error)
-        raise SettingsError(f"{path}:{line}: is not YAML: {reason}") from error
-    except yaml.YAMLError as error:
-        raise SettingsError(f"{path} is not YAML: {' '.join(str(error).split())}") from error
+        raise SettingsError(f"{name}:{line}: is not YAML: {reason}") from error
+    except (yaml.YAMLError, ValueError) as error:  # the latter for a date such as 2001-13-45
+        raise SettingsError(f"{name} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values
     if not isinstance(values, dict):
-        raise SettingsError(f"{path} is not a map of settings; available: {', '.join(_FIELDS)}")
+        raise SettingsError(f"{name} is not a map of settings; available: {', '.join(_FIELDS)}")
     try:
-        return ViewSettings(**{name: _read(name, value) for name, value in values.items()})
+        return ViewSettings(**{key: _read(key, value) for key, value in values.items()})
     except SettingsError as error:
-        raise SettingsError(f"{path}: {error}") from error
+        raise SettingsError(f"{name}: {error}") from error
 
 
 def holds_settings(path: Path) -> bool:
@@ -224,15 +246,21 @@ def holds_settings(path: Path) -> bool:
 
 def save_settings(settings: ViewSettings, path: Path) -> None:
     """Write the settings to a file. Raises SettingsError if that fails."""
+    try:
+        with replacing(path) as file:
+            file.write(written_settings(settings))
+    except OSError as error:
+        raise SettingsError(f"cannot write the settings {path}: {error}") from error
+
+
+def written_settings(settings: ViewSettings) -> bytes:
+    """The settings as the bytes of a file."""
     values = {
         name: list(value) if isinstance(value, tuple) else value
         for name, value in asdict(settings).items()
     }
-    try:
-        with replacing(path) as file:
-            file.write(yaml.safe_dump(values, sort_keys=False, allow_unicode=True).encode())
-    except OSError as error:
-        raise SettingsError(f"cannot write the settings {path}: {error}") from error
+    text: str = yaml.safe_dump(values, sort_keys=False, allow_unicode=True)
+    return text.encode()
 
 
 def _read_topic(value: object) -> TopicSettings:
@@ -290,6 +318,8 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
         _check_range(name, value)
     if name == "shapes" and value not in SHAPES:
         raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
+    if name == "rgb" and not re.fullmatch("(#?[0-9a-fA-F]{6})?", value):
+        raise SettingsError(f"rgb must be a colour such as '#ff8800', got {value!r}")
     if name in ("only", "never"):
         NameFilter(value)
     return value
@@ -387,6 +417,11 @@ class ViewState:
         """Set some of the fields of ViewSettings."""
         with self._lock:
             self.settings = replace(self.settings, **values)
+
+    def load(self, settings: ViewSettings) -> None:
+        """Replace all settings."""
+        with self._lock:
+            self.settings = settings
 
     def tick(self, field: str, name: str, is_in: bool) -> None:
         """Put a name into a list of names, such as `hidden` or `trails`, or take it out."""

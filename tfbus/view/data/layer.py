@@ -18,15 +18,15 @@ from tfbus.geometry.transform import Transform
 from tfbus.messages import CompressedImage, Image
 from tfbus.view.data.markers import item_of
 from tfbus.view.data.shapes import (
+    RGB_OF,
     Frustum,
     Item,
     Points,
     Shape,
-    arrow_at,
     columns_of,
-    ellipsoid,
     items_of,
     line_along,
+    pose_and_doubt,
 )
 from tfbus.view.data.topics import POINTS, Past, Waiting
 from tfbus.view.settings import TopicSettings
@@ -81,6 +81,9 @@ class TopicLayer:
         self.drawn = 0
         self.dropped: Counter[str] = Counter()
         self._refusal = self._waits_for = ""
+        # Why the last message that was sent to browsers could not be, in part.
+        self._undrawn = ""
+        self._is_new = self._has_failed = False
         self._unplaced: dict[object, tuple[Item, float]] = {}
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
@@ -93,7 +96,7 @@ class TopicLayer:
     @property
     def trouble(self) -> str:
         """Why the last message, or part of it, is not drawn; "" if it is."""
-        return self._refusal or self._waits_for
+        return self._refusal or self._undrawn or self._waits_for
 
     @property
     def waiting_count(self) -> int:
@@ -105,6 +108,9 @@ class TopicLayer:
         if self._newest_ns:
             self.age_s = (now_ns - self._newest_ns) / 1e9
             self._newest_ns = 0
+        if self._is_new and not self._has_failed:
+            self._undrawn = ""
+        self._is_new = self._has_failed = False
 
     def step(
         self,
@@ -131,10 +137,12 @@ class TopicLayer:
         if self._settings is not None and settings != self._settings and self._last is not None:
             self._again(buffer, now_s, settings)
         self._settings = settings
+        before = self.drawn
         if self._pace_s >= self._due_s and self.waiting.is_every:
             self._take_every(now_s, settings)
         elif self._pace_s >= self._due_s:
             self._take_newest(buffer, now_s, settings, camera)
+        self._is_new = self._is_new or self.drawn != before
         self._place(buffer, now_s)
 
     def recall(
@@ -327,9 +335,9 @@ class TopicLayer:
     def _draw_odometry(
         self, odometry: messages.Odometry, now_s: float, settings: TopicSettings
     ) -> None:
-        trail = line_along(np.array(self._trail).reshape(-1, 3), (230, 120, 20))
-        arrow, doubt = arrow_at(odometry.pose.pose), ellipsoid(odometry.pose)
-        shapes: tuple[Shape, ...] = (trail, arrow, *doubt)
+        rgb = settings.painted(RGB_OF[messages.Odometry])
+        trail = line_along(np.array(self._trail).reshape(-1, 3), rgb)
+        shapes: tuple[Shape, ...] = (trail, *pose_and_doubt(odometry.pose, settings))
         stamp_ns = odometry.stamp_ns
         self._add(Item("", odometry.frame_id, stamp_ns, shapes, is_locked=settings.locked), now_s)
 
@@ -388,7 +396,8 @@ class TopicLayer:
         if key is None:
             self._unplaced.clear()
         self._remove(key)
-        self._refuse(error)
+        self.dropped["cannot be drawn"] += 1
+        self._undrawn, self._has_failed = printable(str(error), 300), True
 
     def _refuse(self, error: Exception) -> None:
         self.dropped["cannot be drawn"] += 1
@@ -438,7 +447,7 @@ def _frustum(
         return []
     fov_y_rad = 2.0 * math.atan(camera.height / 2.0 / focal)
     fov_y_rad = min(max(fov_y_rad, 0.01), 3.0)
-    shape = Frustum(fov_y_rad, picture, quality=int(settings.quality))
+    shape = Frustum(fov_y_rad, picture, settings.scale, int(settings.quality))
     return [Item("", image.frame_id, image.stamp_ns, (shape,), is_locked=settings.locked)]
 
 

@@ -26,6 +26,7 @@ _FINE_CELLS = 1024
 _FARTHEST_M = 1e15
 _POSE_M = 0.3
 _POINT_M = 0.1
+_ABOVE_MAP_M = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +206,8 @@ def _points(
     by = column(name)
     span = None
     if name == "flat" or (by is None and name != "height"):
-        colors = np.broadcast_to(FLAT, (len(kept), 3))
+        flat = np.array(settings.painted(RGB_OF[messages.PointCloud]), np.uint8)
+        colors = np.broadcast_to(flat, (len(kept), 3))
     elif by is not None and name in ("rgb", "rgba") and by.dtype.itemsize == 4:
         colors = unpacked(by[near])
     else:
@@ -243,7 +245,8 @@ def transform_of(pose: messages.Pose3D) -> Transform:
 def _path(path: messages.Path, settings: TopicSettings, into_fixed: Transform) -> Made:
     along = [(p.position.x, p.position.y, p.position.z) for p in (each.pose for each in path.poses)]
     step = max(1, -(-len(along) // MOST_SHAPES))
-    return (line_along(np.array(along[::step]).reshape(-1, 3), (40, 180, 60)),), _HERE
+    rgb = settings.painted(RGB_OF[messages.Path])
+    return (line_along(np.array(along[::step]).reshape(-1, 3), rgb),), _HERE
 
 
 def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
@@ -255,28 +258,31 @@ def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
 
 def _poses(poses: messages.PoseArray, settings: TopicSettings, into_fixed: Transform) -> Made:
     step = max(1, -(-len(poses.poses) // MOST_SHAPES))
-    return (_arrows(poses.poses[::step], (200, 40, 90)),), _HERE
+    return (_arrows(poses.poses[::step], settings, RGB_OF[messages.PoseArray]),), _HERE
 
 
-def _arrows(poses: NDArray[Any], color: tuple[int, int, int]) -> Bodies:
+def _arrows(poses: NDArray[Any], settings: TopicSettings, own: tuple[int, int, int]) -> Bodies:
     count = len(poses)
+    lengths = settings.scale * np.array((_POSE_M, 0.06, 0.06), np.float32)
     arrays = TransformArray(poses[:, :3], poses[:, 3:])
     return Bodies(
         "arrow",
         arrays.xyz.astype(np.float32),
         arrays.quat_wxyz.astype(np.float32),
-        np.tile(np.array((_POSE_M, 0.06, 0.06), np.float32), (count, 1)),
-        np.tile(np.array(color, np.uint8), (count, 1)),
+        np.tile(lengths.astype(np.float32), (count, 1)),
+        np.tile(np.array(settings.painted(own), np.uint8), (count, 1)),
+        settings.opacity,
     )
 
 
-def arrow_at(pose: messages.Pose3D, color: tuple[int, int, int] = (200, 40, 90)) -> Bodies:
+def _arrow_at(pose: messages.Pose3D, settings: TopicSettings) -> Bodies:
     """An arrow along x of a pose."""
-    return _arrows(np.array([transform_of(pose).as_pose()]), color)
+    own = RGB_OF[messages.PoseStamped]
+    return _arrows(np.array([transform_of(pose).as_pose()]), settings, own)
 
 
 def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
-    return (arrow_at(stamped.pose),), _HERE
+    return (_arrow_at(stamped.pose, settings),), _HERE
 
 
 def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
@@ -285,8 +291,9 @@ def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: 
         "sphere",
         np.array([(at.x, at.y, at.z)], np.float32),
         np.array([(1.0, 0.0, 0.0, 0.0)], np.float32),
-        np.full((1, 3), _POINT_M, np.float32),
-        np.array([(230, 120, 20)], np.uint8),
+        np.full((1, 3), settings.scale * _POINT_M, np.float32),
+        np.array([settings.painted(RGB_OF[messages.PointStamped])], np.uint8),
+        settings.opacity,
     )
     return (ball,), _HERE
 
@@ -294,10 +301,17 @@ def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: 
 def _pose_with_covariance(
     stamped: messages.PoseWithCovarianceStamped, settings: TopicSettings, into_fixed: Transform
 ) -> Made:
-    return (arrow_at(stamped.pose.pose), *ellipsoid(stamped.pose)), _HERE
+    return pose_and_doubt(stamped.pose, settings), _HERE
 
 
-def ellipsoid(pose: messages.PoseWithCovariance) -> tuple[Bodies, ...]:
+def pose_and_doubt(
+    pose: messages.PoseWithCovariance, settings: TopicSettings
+) -> tuple[Bodies, ...]:
+    """An arrow along x of a pose, and its ellipsoid."""
+    return (_arrow_at(pose.pose, settings), *_ellipsoid(pose, settings.opacity))
+
+
+def _ellipsoid(pose: messages.PoseWithCovariance, opacity: float) -> tuple[Bodies, ...]:
     """The ellipsoid of two standard deviations of the position; none if that is not known."""
     matrix = np.array(pose.covariance, np.float64).reshape(6, 6)[:3, :3]
     if not matrix.any() or not np.isfinite(matrix).all() or np.abs(matrix).max() > _FARTHEST_M:
@@ -317,7 +331,7 @@ def ellipsoid(pose: messages.PoseWithCovariance) -> tuple[Bodies, ...]:
             np.array([(turn[3], *turn[:3])], np.float32),
             lengths[None].astype(np.float32),
             np.array([(150, 80, 200)], np.uint8),
-            0.35,
+            0.35 * opacity,
         ),
     )
 
@@ -337,8 +351,14 @@ def _grid(grid: messages.OccupancyGrid, settings: TopicSettings, into_fixed: Tra
     large = max(1, _FINE_CELLS // max(height, width))
     fine = np.repeat(np.repeat(coarse, large, axis=0), large, axis=1)
     side_m = step * cell_m
-    texture = Texture(of_cells(fine), coarse.shape[1] * side_m, coarse.shape[0] * side_m)
-    return (texture,), transform_of(grid.info.origin)
+    is_costs = settings.color == "costmap"
+    rgba = _COSTS[fine.view(np.uint8)] if is_costs else of_cells(fine)
+    if settings.opacity < 1.0:
+        rgba[..., 3] = rgba[..., 3] * settings.opacity
+    texture = Texture(rgba, coarse.shape[1] * side_m, coarse.shape[0] * side_m)
+    pose = transform_of(grid.info.origin)
+    # In one plane with the map below, browsers would show parts of either.
+    return (texture,), pose @ Transform((0.0, 0.0, _ABOVE_MAP_M)) if is_costs else pose
 
 
 def _coarse(cells: NDArray[np.int8], step: int) -> NDArray[np.int8]:
@@ -363,8 +383,8 @@ def _range(found: messages.Range, settings: TopicSettings, into_fixed: Transform
         np.zeros((1, 3), np.float32),
         np.array([(1.0, 0.0, 0.0, 0.0)], np.float32),
         np.array([(length, wide, wide)], np.float32),
-        np.array([(230, 190, 40)], np.uint8),
-        0.4,
+        np.array([settings.painted(RGB_OF[messages.Range])], np.uint8),
+        0.4 * settings.opacity,
     )
     return (cone,), _HERE
 
@@ -391,7 +411,18 @@ _TABLE = np.stack(
     [np.interp(np.linspace(0, 5, 256), np.arange(6), channel) for channel in _STOPS.T], axis=1
 ).astype(np.uint8)
 
-FLAT = np.array((230, 120, 20), np.uint8)
+# The colours of messages whose shapes have one, which settings can change.
+RGB_OF: Mapping[type, tuple[int, int, int]] = {
+    messages.PointCloud: (230, 120, 20),
+    messages.LaserScan: (230, 120, 20),
+    messages.Path: (40, 180, 60),
+    messages.PointStamped: (230, 120, 20),
+    messages.PoseArray: (200, 40, 90),
+    messages.PoseStamped: (200, 40, 90),
+    messages.PoseWithCovarianceStamped: (200, 40, 90),
+    messages.Odometry: (230, 120, 20),
+    messages.Range: (230, 190, 40),
+}
 
 
 def span_of(
@@ -443,3 +474,18 @@ def of_cells(cells: NDArray[np.int8]) -> NDArray[np.uint8]:
     rgba[..., :3] = np.where(known, level, 120)[..., None]
     rgba[..., 3] = np.where(known, 230, 90)
     return rgba
+
+
+def _cost_colors() -> Rgb:
+    """RViz's colours with opacity (256, 4) of the bytes of a costmap's cells: free ones are clear,
+    others from blue to red, cyan touches an obstacle, magenta is one; unknown is faint.
+    """
+    rgba = np.full((256, 4), (112, 137, 134, 90), np.uint8)
+    rgba[0] = 0
+    parts = np.arange(1, 99) * 2.55
+    rgba[1:99] = np.stack((parts, 0 * parts, 255 - parts, 0 * parts + 255), axis=1).astype(np.uint8)
+    rgba[99], rgba[100] = (0, 255, 255, 255), (255, 0, 255, 255)
+    return rgba
+
+
+_COSTS = _cost_colors()

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import viser
 
 from tfbus.base.errors import SettingsError
+from tfbus.base.wording import printable
 from tfbus.view.frames import Frames
 from tfbus.view.panels.markup import Html
 from tfbus.view.settings import (
@@ -18,8 +19,11 @@ from tfbus.view.settings import (
     NameFilter,
     PatternError,
     Selections,
+    ViewSettings,
     ViewState,
+    read_settings,
     save_settings,
+    written_settings,
 )
 
 # A longer list is slow in a browser; the filter narrows it.
@@ -183,10 +187,14 @@ _READ_ONLY = (
     "chosen here, all browsers see.</div>"
 )
 
+_DOWNLOAD = "A file of these settings for your machine."
+_UPLOAD = "A file of settings of your machine replaces these, for all browsers."
+_MOST_BYTES = 1_000_000
+
 
 class DisplayPanel:
-    """Controls of the settings; the save button writes them to `path`, and is not there without
-    one.
+    """Controls of the settings; the save button writes them to `path`. Without one it is not there,
+    nor are the buttons for files of the browser's machine.
     """
 
     def __init__(
@@ -221,6 +229,12 @@ class DisplayPanel:
             return
         save_button = gui.add_button("Save settings", icon=viser.Icon.DEVICE_FLOPPY)
         save_button.on_click(lambda event: self._save(event, path))
+        fetch = gui.add_button("Download settings", icon=viser.Icon.DOWNLOAD, hint=_DOWNLOAD)
+        fetch.on_click(lambda event: self._download(event, path.name))
+        load = gui.add_upload_button(
+            "Load settings", icon=viser.Icon.UPLOAD, mime_type=".yaml,.yml", hint=_UPLOAD
+        )
+        load.on_upload(lambda event: self._load(event.target.value))
         self._saved = Html(gui.add_html(""))
 
     def refresh(self, frames: Frames) -> None:
@@ -259,14 +273,43 @@ class DisplayPanel:
                 )
         return "".join(found)
 
+    def _chosen(self, event: Any) -> ViewSettings:
+        """The settings, with the frame that is selected in the browser of an event."""
+        return replace(self._view.settings, selected=self._selections.of(event.client_id))
+
     def _save(self, event: Any, path: Path) -> None:
         try:
-            selected = self._selections.of(event.client_id)
-            save_settings(replace(self._view.settings, selected=selected), path)
+            save_settings(self._chosen(event), path)
         except SettingsError as error:
-            self._saved.show(f'<div class="tf tf-alarm" role="alert">{escape(str(error))}</div>')
+            self._tell_mistake(error)
         else:
             again = f"tfbus view --settings {shlex.quote(str(path))}"
             self._saved.show(
                 f'<div class="tf tf-dim">Saved. Open it with <code>{escape(again)}</code></div>'
             )
+
+    def _download(self, event: Any, name: str) -> None:
+        if event.client is not None:
+            content = written_settings(self._chosen(event))
+            event.client.send_file_download(name, content, save_immediately=True)
+
+    def _load(self, file: viser.UploadedFile) -> None:
+        name = printable(file.name, 60)
+        try:
+            if len(file.content) > _MOST_BYTES:
+                raise SettingsError(f"{name} is too large for a file of settings")
+            settings = read_settings(file.content.decode(), name)
+        except UnicodeDecodeError:
+            self._tell_mistake(SettingsError(f"{name} is no text"))
+        except SettingsError as error:
+            self._tell_mistake(error)
+        else:
+            self._view.load(settings)
+            for pattern, handle in self._patterns.items():
+                handle.value = getattr(settings, pattern)
+            self._mistake.show("")
+            self._saved.show(f'<div class="tf tf-dim">Loaded {escape(name)}.</div>')
+
+    def _tell_mistake(self, error: SettingsError) -> None:
+        text = escape(printable(str(error), 500))
+        self._saved.show(f'<div class="tf tf-alarm" role="alert">{text}</div>')

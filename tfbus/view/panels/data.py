@@ -11,6 +11,7 @@ from tfbus import messages
 from tfbus.base.wording import printable
 from tfbus.bus.graph import TopicInfo
 from tfbus.view.data.layer import TopicLayer
+from tfbus.view.data.shapes import RGB_OF
 from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
@@ -19,7 +20,17 @@ from tfbus.view.settings import RANGES, TopicSettings, ViewSettings, ViewState
 from tfbus.wire.keys import namespace_of_node
 
 _COLORS = ("auto", "flat", "height")
+_MAP_COLORS = ("auto", "costmap")
 _IMAGES = (messages.Image, messages.CompressedImage)
+_ARROWS = (
+    messages.Odometry,
+    messages.PointStamped,
+    messages.PoseArray,
+    messages.PoseStamped,
+    messages.PoseWithCovarianceStamped,
+)
+_SEE_THROUGH = (*_ARROWS, messages.OccupancyGrid, messages.Range)
+_SCALED = (*_ARROWS, *_IMAGES)
 _WITHOUT_LOCK = (
     messages.Log,
     messages.Marker,
@@ -136,7 +147,9 @@ def topics_html(topics: Mapping[str, TopicInfo], settings: ViewSettings, find: s
     for part, members in sorted(parts.items()):
         shown = [topic for topic in members if chosen[topic].shown]
         lines.append(_heading(part, settings, f"{len(shown)} of {len(members)}"))
-        lines += [_box(topic, named[topic], is_shown=topic in shown) for topic in members]
+        boxes = [_box(topic, named[topic], is_shown=topic in shown) for topic in members]
+        kind = "tf-members" if part[0] == _IN_GROUP else ""
+        lines.append(f'<div class="{kind}">{"".join(boxes)}</div>')
     if not found:
         lines.append(f'<div class="tf-dim">No topic has {escape(repr(find.strip()))} in it.</div>')
     return f'<div class="tf" role="group" aria-label="topics">{"".join(lines)}</div>'
@@ -211,6 +224,20 @@ class _TopicRow:
                 self._slider("decay_s", "Decay (s)", 0.5)
                 self._slider("voxel", "Voxel (cm)", 1.0)
                 self._number("most_points", "Points at most", 1000.0)
+            if message_type is messages.OccupancyGrid:
+                options = tuple(dict.fromkeys((*_MAP_COLORS, settings.color)))
+                scheme: Any = gui.add_dropdown("Colour", options, initial_value=settings.color)
+                self._controls["color"] = Control(scheme, self._setter("color"))
+            self._own_rgb = RGB_OF.get(message_type)
+            self._rgb: Control | None = None
+            if self._own_rgb is not None:
+                label = "Flat colour" if message_type in POINTS else "Colour"
+                picker = gui.add_rgb(label, settings.painted(self._own_rgb))
+                self._rgb = Control(picker, self._paint)
+            if message_type in _SEE_THROUGH:
+                self._slider("opacity", "Opacity", 0.05)
+            if message_type in _SCALED:
+                self._slider("scale", "Scale", 0.1)
             if message_type in _IMAGES:
                 self._slider("quality", "JPEG quality", 5.0)
             if message_type not in _WITHOUT_LOCK:
@@ -234,6 +261,8 @@ class _TopicRow:
         settings = self._view.settings.of_topic(self._topic)
         for name, control in self._controls.items():
             control.show(getattr(settings, name))
+        if self._rgb is not None and self._own_rgb is not None:
+            self._rgb.show(settings.painted(self._own_rgb))
         for name, bound in self._bounds.items():
             bound.show(getattr(settings, name))
         if layer is None:
@@ -253,6 +282,10 @@ class _TopicRow:
                     box = self._gui.add_checkbox(label, name not in settings.hidden)
                     self._namespaces[name] = Control(box, self._hider(name))
             self._namespaces[name].show(name not in settings.hidden)
+
+    def _paint(self, rgb: tuple[int, int, int]) -> None:
+        chosen = "" if rgb == self._own_rgb else f"#{bytes(rgb).hex()}"
+        self._view.change_topic(self._topic, rgb=chosen)
 
     def _hider(self, namespace: str) -> Callable[[bool], None]:
         def on_choice(is_shown: bool) -> None:

@@ -176,6 +176,7 @@ div:has(> .tf[role=tree]) { max-height: max(42vh, calc(100vh - 290px)); overflow
 div:has(> .tf[role=tree] .tf-selected) { max-height: max(42vh, calc(100vh - 610px)); }
 .tf-topic { flex: 1; min-width: 0; overflow: hidden; text-overflow: ellipsis; white-space: nowrap; }
 .tf-robot-name { margin-top: 0.5em; }
+.tf-members { padding-left: 1.2em; margin-bottom: 0.5em; }
 div:has(> .tf[role=group]) { max-height: 42vh; overflow-y: auto; scrollbar-width: thin;
   margin-bottom: 0.7em; }
 .tf-robot { display: flex; align-items: center; gap: 0.4em; flex: 1; min-width: 0;

@@ -11,7 +11,6 @@ from tests.builders import S, at, payload
 from tests.streams.received import Received, appear
 from tfbus import Buffer
 from tfbus.base.log import LogOnce
-from tfbus.streams.conflicts import Resolution
 from tfbus.streams.reception import StreamReception
 from tfbus.streams.stream_facts import ReceptionHooks
 from tfbus.wire.transforms import TransformReader
@@ -391,11 +390,11 @@ def test_kept_messages_may_be_faster_than_the_list_of_frames(received: Received)
 
 def test_frames_of_a_publisher_with_priority_are_left_out(received: Received) -> None:
     """Rows of rejected frames are counted, and not taken."""
-    received.stream.contest.exclude(Resolution(set(), {"arm"}))
+    received.stream.contest.exclude(set(), {"arm"})
     received.send(at(1, "robot"), at(2, "arm"))
     assert received.buffer.frames() == ["robot", "world"]
     assert received.stream.counts.excluded == 1
-    received.stream.contest.exclude(Resolution({"arm"}, set()))
+    received.stream.contest.exclude({"arm"}, set())
     received.send(at(1, "robot", 2 * S), at(2, "arm", 2 * S))
     assert received.x_of("arm") == 2
     assert received.stream.counts.excluded == 1

@@ -25,7 +25,7 @@ from tfbus.base.errors import (
     ServiceError,
 )
 from tfbus.base.log import LogOnce
-from tfbus.base.wording import counted, listed, printable
+from tfbus.base.wording import counted, printable, quoted
 from tfbus.messages import Empty, PlayNext, PlayProgress, Seek, SetRate
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
@@ -48,8 +48,6 @@ from tfbus.wire.numbered import FLOAT64
 
 # The host in the descriptions of replayed streams.
 RECORDED = "recorded"
-
-_NAMED = 5
 
 
 class Republisher:
@@ -123,7 +121,7 @@ class Republisher:
         living = sorted(own.intersection(map(stream_of, keys)))
         if not living:
             return ""
-        names = listed([repr(name) for name in living], most=_NAMED)
+        names = quoted(living)
         is_one = len(living) == 1
         return (
             f"{counted(len(living), 'stream')} of the recording {'is' if is_one else 'are'} "

@@ -5,8 +5,9 @@ import textwrap
 import unicodedata
 from collections.abc import Collection, Iterable
 
-# Of a longer list only the first are named.
+# Of a longer list only the first are named; fewer if they are quoted.
 _NAMED = 8
+_QUOTED = 5
 
 # Counting letters takes a microsecond a name, comparing whole names ten and more: of more names
 # only the likely ones are.
@@ -37,6 +38,11 @@ def listed(words: Collection[str], *, most: int = _NAMED) -> str:
 def and_more(count: int, most: int) -> str:
     """The end of a list of which only `most` are named: `and 3 more`; "" if all are."""
     return f"and {count - most} more" if count > most else ""
+
+
+def quoted(names: Collection[str]) -> str:
+    """The first five names, quoted, and how many more there are: `'arm', 'leg' and 3 more`."""
+    return listed([repr(name) for name in names], most=_QUOTED)
 
 
 def printable(text: str, most: int = 200) -> str:

@@ -106,7 +106,7 @@ class RecordedFrames:
 
     @cached_property
     def _lasting(self) -> "LastingStatics | None":
-        return LastingStatics(self._source) if self._statics == "always" else None
+        return LastingStatics(self._source.first_statics()) if self._statics == "always" else None
 
     @property
     def namespace(self) -> str:

@@ -68,7 +68,7 @@ class RecordedSamples:
     ) -> None:
         self._reader = reader
         self._view = view or Viewpoint(None)
-        self._lasting = LastingStatics(reader) if statics == "always" else None
+        self._lasting = LastingStatics(reader.first_statics()) if statics == "always" else None
         self._pauses = reader.pauses
         self._chunks = list(reader.chunks)
         self._table = EdgeTable(reader, self._view)

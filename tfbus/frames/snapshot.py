@@ -7,7 +7,7 @@ from typing import Literal
 
 from tfbus.base.clock import Clock
 from tfbus.base.stamps import is_of_simulated_clock, other_unit
-from tfbus.base.wording import counted, duration, listed, mistake_in, natural_order, printable
+from tfbus.base.wording import counted, duration, mistake_in, natural_order, printable, quoted
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.clocks import (
@@ -30,9 +30,6 @@ ProblemKind = Literal[
 Claims = Mapping[str, list[tuple[str, StreamInfo]]]
 
 _NS_PER_S = 1e9
-
-# A sentence names at most this many frames.
-_NAMED = 5
 
 
 # The remedies of problems that have none of their own; of stamps ahead or late the text says it.
@@ -229,7 +226,7 @@ class FrameTree:
             yield Problem(
                 "gone",
                 tuple(frames),
-                f"the publisher of {_quoted(frames)} is gone: {who(stream)}",
+                f"the publisher of {quoted(frames)} is gone: {who(stream)}",
             )
 
     def _disconnected(self) -> Iterator[Problem]:
@@ -265,7 +262,7 @@ class FrameTree:
                 if child not in self.frames or self.frames[child].parent is None
             ]
             if stream.alive and missing:
-                text = f"no transform of {_quoted(missing)} has come, though {who(stream)} lists it"
+                text = f"no transform of {quoted(missing)} has come, though {who(stream)} lists it"
                 if stream.unreadable:
                     text += f"; its messages could not be read: {stream.unreadable}"
                 yield Problem("silent", tuple(missing), text)
@@ -290,7 +287,7 @@ class FrameTree:
             yield Problem(
                 "unit",
                 tuple(names),
-                f"the stamps of {_quoted(names)} by {publisher} {why}, and stamps are nanoseconds",
+                f"the stamps of {quoted(names)} by {publisher} {why}, and stamps are nanoseconds",
             )
 
     def _ahead(self) -> Iterator[Problem]:
@@ -398,13 +395,13 @@ def why_unreadable(stream: StreamInfo) -> str:
 
 def in_the_future(names: list[str], age_s: float) -> str:
     """`samples of 'arm' are 5 min in the future`, for an age below zero."""
-    return f"samples of {_quoted(names)} are {duration(-age_s)} in the future"
+    return f"samples of {quoted(names)} are {duration(-age_s)} in the future"
 
 
 def come_late(names: list[str], delay_s: float) -> str:
     """`samples of 'arm' come 5.0 s after their stamps, so ...`."""
     return (
-        f"samples of {_quoted(names)} come {duration(delay_s)} after their stamps, so no lookup at "
+        f"samples of {quoted(names)} come {duration(delay_s)} after their stamps, so no lookup at "
         "the present time finds one"
     )
 
@@ -413,7 +410,7 @@ def stamp_when_measured(stream: StreamInfo, names: list[str]) -> str:
     """The remedy if a publisher stamps frames with another time."""
     were = "they were" if len(names) > 1 else "it was"
     return (
-        f"have {who(stream)} stamp {_quoted(names)} with the time at which {were} measured: "
+        f"have {who(stream)} stamp {quoted(names)} with the time at which {were} measured: "
         "node.now_ns()"
     )
 
@@ -434,10 +431,6 @@ def _node(stream: StreamInfo) -> str:
     if not stream.host:
         return stream.node  # it did not describe itself, as in a recording of ROS
     return f"{stream.node} on {stream.host}, pid {stream.pid}"
-
-
-def _quoted(frames: list[str]) -> str:
-    return listed([repr(frame) for frame in frames], most=_NAMED)
 
 
 def _loops(claims: Claims) -> Iterator[Problem]:

@@ -3,6 +3,7 @@
 import heapq
 import os
 from bisect import bisect_right
+from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -375,6 +376,32 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         for message in self._last_retained(log_ns, selection):
             state.apply(message)
         return state
+
+    def first_statics(self) -> list[TransformItem]:
+        """The sets of static transforms of the chunks in which a frame is static for the first
+        time; no other chunk is read.
+        """
+        numbers = {(chunk.part.number, chunk.offset): at for at, chunk in enumerate(self._chunks)}
+        first: dict[tuple[str, str], int] = {}
+        for part in self._parts:
+            index = part.index
+            statics = {each.id for each in part.stream_channels.values() if each.is_static}
+            for chunk, channel, edge in zip(
+                index.chunk.tolist(), index.channel.tolist(), index.edge.tolist(), strict=True
+            ):
+                if channel in statics:
+                    key = part.stream_channels[channel].stream.name, index.edges[edge][1]
+                    at = numbers[part.number, index.offsets[chunk]]
+                    first[key] = min(at, first.get(key, at))
+        wanted: dict[int, set[str]] = defaultdict(set)
+        for (stream, _), at in first.items():
+            wanted[at].add(stream)
+        return [
+            item
+            for at in sorted(wanted)
+            for item, _ in self._chunks[at].statics()
+            if item.stream.name in wanted[at]
+        ]
 
     def _all_events(self) -> tuple[EventItem, ...]:
         found: list[EventItem] = []

@@ -1,17 +1,13 @@
 """State at a moment of a recording: all that stands for the time before it, or for all times."""
 
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import Literal, Protocol
 
 from tfbus.base.bounded import Bounded
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.packed import edge_bytes
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, TransformItem
-
-if TYPE_CHECKING:
-    from tfbus.recording.reader import RecordingReader
 
 # Streams come and go: as a listener remembers, at most this many that are gone are in force.
 MOST_GONE = 1000
@@ -239,13 +235,13 @@ class LastingStatics:
     """The static transforms that each frame was given first: they hold before they came, too, as
     static transforms do in a buffer that has all of the recording.
 
-    Of a frame that several streams set the first one counts. Only chunks are read in which a frame
-    is static for the first time.
+    They are made of sets in which each frame is static for the first time, such as a reader's
+    `first_statics`. Of a frame that several streams set the first one counts.
     """
 
-    def __init__(self, reader: "RecordingReader") -> None:
+    def __init__(self, sets: Iterable[TransformItem]) -> None:
         first: dict[str, TransformItem] = {}
-        for item in _first_sets(reader):
+        for item in sets:
             for child in item.rows.children():
                 if child not in first or item.log_ns < first[child].log_ns:
                     first[child] = item
@@ -295,29 +291,3 @@ def _joined(parts: list[Columns]) -> Columns:
     stamps = b"".join(rows.stamps_bytes() for rows in parts)
     poses = b"".join(rows.poses_bytes() for rows in parts)
     return Columns.of_bytes(tuple(numbers), b"".join(edges), stamps, poses)
-
-
-def _first_sets(reader: "RecordingReader") -> list[TransformItem]:
-    """The sets of static transforms of the chunks in which a frame is static for the first time."""
-    numbers = {(chunk.part.number, chunk.offset): at for at, chunk in enumerate(reader.chunks)}
-    first: dict[tuple[str, str], int] = {}
-    for part in reader.parts:
-        index = part.index
-        statics = {each.id for each in part.stream_channels.values() if each.is_static}
-        for chunk, channel, edge in zip(
-            index.chunk.tolist(), index.channel.tolist(), index.edge.tolist(), strict=True
-        ):
-            if channel in statics:
-                key = part.stream_channels[channel].stream.name, index.edges[edge][1]
-                at = numbers[part.number, index.offsets[chunk]]
-                first[key] = min(at, first.get(key, at))
-    wanted: dict[int, set[str]] = defaultdict(set)
-    for (stream, _), at in first.items():
-        wanted[at].add(stream)
-    chunks = list(reader.chunks)
-    return [
-        item
-        for at in sorted(wanted)
-        for item, _ in chunks[at].statics()
-        if item.stream.name in wanted[at]
-    ]

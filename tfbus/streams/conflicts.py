@@ -1,24 +1,21 @@
 """Frames that two live publishers claim: which of them has priority, and the report."""
 
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from itertools import islice
-from typing import TYPE_CHECKING, Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple, get_args
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.structs import Struct
-from tfbus.base.wording import listed
+from tfbus.base.wording import quoted
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
+from tfbus.streams.reception import StreamReception
 from tfbus.streams.stream_facts import lines_of
 from tfbus.wire.descriptions import StreamDescription
-
-if TYPE_CHECKING:
-    from tfbus.streams.reception import StreamReception
-
 
 # Which publisher wins: the last to send, as in tf2; the first started; or the highest priority.
 Rule = Literal["latest", "first", "priority"]
@@ -31,8 +28,6 @@ _MOST_ASKED = 100_000
 
 # And of one frame at most this many pairs are reported at once.
 _MOST_OTHERS = 100
-
-_FRAMES_NAMED = 5
 
 # Streams that are met within this time of each other are met together. One that is new was started
 # less than the other time ago: it may take a while to send.
@@ -320,11 +315,6 @@ class Starts:
         return (self._met_ns, said_ns) if self._is_late else (said_ns, said_ns)
 
 
-def name_some(frames: Sequence[str]) -> str:
-    """The first five frames, quoted, and how many more there are."""
-    return listed([repr(frame) for frame in frames], most=_FRAMES_NAMED)
-
-
 def listed_children(description: StreamDescription | None) -> frozenset[str]:
     """The child frames that a description lists; none without one."""
     frames = () if description is None else description.frames
@@ -342,7 +332,7 @@ class Conflicts:
         self,
         rule: Rule,
         buffer: Buffer,
-        reception: "Callable[[str], StreamReception | None]",
+        reception: Callable[[str], StreamReception | None],
         log: logging.Logger,
     ) -> None:
         self._claims = Claims(rule)
@@ -363,14 +353,14 @@ class Conflicts:
         left = contested - frames
         resolutions = self._claims.resolutions(name, contested)
         receptions = self._known(resolutions)
-        changed = [each.contest.exclude(resolutions[each.name]) for each in receptions]
+        changed = [each.contest.exclude(*resolutions[each.name]) for each in receptions]
         # A static transform that gets priority, or that another has replaced, is not sent again.
         for each in receptions:
             accepted = resolutions[each.name].accepted
             taken = accepted if any(changed) else accepted & left
             each.statics.apply(taken - left if each.name == name else taken)
 
-    def _known(self, names: Iterable[str]) -> "list[StreamReception]":
+    def _known(self, names: Iterable[str]) -> list[StreamReception]:
         """The receptions of the streams of these names, without forgotten streams."""
         receptions = map(self._reception, names)
         return [reception for reception in receptions if reception is not None]
@@ -419,7 +409,7 @@ class Conflicts:
             (first.stream, other.stream),
             "Two publishers send %s: stream %s, and stream %s; %s (conflicts=%r). Stop one, or "
             "rename its frame",
-            name_some(conflict.frames),
+            quoted(conflict.frames),
             first,
             other,
             wins[rule],

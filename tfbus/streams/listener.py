@@ -12,14 +12,14 @@ from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.structs import replace
-from tfbus.base.wording import is_printable
+from tfbus.base.wording import is_printable, quoted
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.transform import check_frame_id
 from tfbus.node.node import Node
 from tfbus.streams.clock_offset import ClockOffsets
-from tfbus.streams.conflicts import Claimant, Conflicts, Rule, name_some
+from tfbus.streams.conflicts import Claimant, Conflicts, Rule
 from tfbus.streams.frame_names import StreamNames, StreamRights
 from tfbus.streams.info import StreamInfo, StreamState, described_stream
 from tfbus.streams.interest import Everything, Interest, Reading
@@ -477,7 +477,7 @@ class TransformListener:
                 ("gone", state.name),
                 "Stream %s is gone; its last transforms stay, marked as gone: %s",
                 _name(state),
-                name_some(frames),
+                quoted(frames),
             )
 
     def _get_to_know(self, stream: KnownStream, state: StreamState, key: str) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from tfbus.base import scheduler
 from tfbus.base.errors import BusError, InvalidArgumentException, LookupException
 from tfbus.base.executor import Executor
-from tfbus.base.wording import listed, near_names
+from tfbus.base.wording import near_names, quoted
 from tfbus.bus.network_session import BytesPublisher
 from tfbus.bus.query import Query, within
 from tfbus.geometry.transform import check_frame_id
@@ -32,7 +32,6 @@ _ANNOUNCE_AFTER_S = 0.02
 _MOST_BYTES_A_SECOND = 1e6
 _ANNOUNCE_WITHIN_S = 1.0
 
-_FRAMES_NAMED = 5
 _KINDS = {
     False: "is dynamic: remove it with a TransformBroadcaster",
     True: "is static: remove it with a StaticTransformBroadcaster",
@@ -148,7 +147,7 @@ class FrameAnnouncer:
     def _unknown(self, child: str, static: bool) -> LookupException:
         sent = [other for other, (_, other_static) in self._edges.items() if other_static is static]
         kind = "static frame" if static else "frame"
-        named = listed([repr(frame) for frame in sent], most=_FRAMES_NAMED) or "none"
+        named = quoted(sent) or "none"
         return LookupException(
             f"stream {self._stream!r} sends no {kind} {child!r}; it sends {named}",
             frame=child,

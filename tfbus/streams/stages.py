@@ -3,19 +3,18 @@ with refused statics that are retried, and the marks of frames in the buffer.
 """
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Set
 from contextlib import suppress
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import TransformException
-from tfbus.base.wording import stamp_text
+from tfbus.base.wording import quoted, stamp_text
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.buffer.insert_many import Permit
 from tfbus.bus.rights import matches
 from tfbus.geometry.columns import Columns, FoundOfRows
-from tfbus.streams.conflicts import Resolution, name_some
 from tfbus.streams.stream_facts import Publisher, ReceptionHooks, StreamFacts, Verdict
 
 
@@ -367,10 +366,10 @@ class Contest:
             self._take_over(rows)
         return rows
 
-    def exclude(self, resolution: Resolution) -> bool:
-        """Accept some frames from now on, and drop rejected ones; whether that is new."""
+    def exclude(self, accepted: Set[str], rejected: Set[str]) -> bool:
+        """Take the accepted frames from now on, and drop the rejected ones; whether that is new."""
         former = self.excluded
-        excluded = (former - resolution.accepted) | resolution.rejected
+        excluded = (former - accepted) | rejected
         if excluded == former:
             return False
         with self._facts.lock:
@@ -413,7 +412,7 @@ class Contest:
             self._facts.warn_once(
                 "claimed",
                 "Dropped %s of stream %r, which does not list it: another stream does",
-                name_some(sorted(claimed)),
+                quoted(sorted(claimed)),
                 self._facts.name,
             )
         return self._without(rows, claimed)

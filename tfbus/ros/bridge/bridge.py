@@ -6,7 +6,7 @@ from contextlib import ExitStack
 from tfbus.base.errors import TfbusError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
-from tfbus.base.wording import counted, listed, printable
+from tfbus.base.wording import counted, printable, quoted
 from tfbus.node.node import Node
 from tfbus.ros.bridge.bridges import Bridges, CrossingRule, RosBridge, check_name_is_free
 from tfbus.ros.bridge.common import (
@@ -33,8 +33,6 @@ _SETTLED_POLLS = 2
 
 # After this time without anything of ROS it says so.
 _NOTHING_AFTER_S = 5.0
-
-_MOST_NAMED = 5
 
 
 class Bridge:
@@ -317,5 +315,5 @@ class Bridge:
             "%s: %s of %s",
             way[0].upper() + way[1:],
             counted(sum(streams.values()), "frame"),
-            listed([repr(name) for name in sorted(streams)], most=_MOST_NAMED),
+            quoted(sorted(streams)),
         )

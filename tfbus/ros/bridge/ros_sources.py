@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 
 from tfbus.base import scheduler
 from tfbus.base.errors import RightsError
-from tfbus.base.wording import is_printable, printable
+from tfbus.base.wording import is_printable, printable, quoted
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.ros.bridge.common import Common
 from tfbus.ros.bridge.routes import RateLimit, Routes
-from tfbus.streams.conflicts import name_some
 from tfbus.streams.sender import StreamOptions, TransformSender
 from tfbus.streams.stream import NodeStreams, Stream
 from tfbus.streams.stream_facts import lines_of
@@ -388,7 +387,7 @@ class RosSources:
                     ("gone", source.node),
                     "%s is gone; its last transforms stay, marked as gone: %s",
                     source,
-                    name_some(sorted(children)),
+                    quoted(sorted(children)),
                 )
 
     def _drop(self, gid: str) -> None:

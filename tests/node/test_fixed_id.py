@@ -49,7 +49,10 @@ def test_a_node_with_the_zenoh_id_of_another_is_refused(
     config.write_text(bus.quick_config.read_text().replace("{", f"{{id: '{_ID}', ", 1))
     first = bus.node("first", config=str(config))
     assert first.session.id == _ID
-    with monkeypatch.context() as busy, pytest.raises(BusError, match=r"'/first' on .* remove 'id'"):
+    with (
+        monkeypatch.context() as busy,
+        pytest.raises(BusError, match=r"'/first' on .* remove 'id'"),
+    ):
         busy.setattr(surroundings, "_FOUND_WITHIN_S", DEADLINE_S)  # the first may answer late
         bus.node("second", config=str(config))
     first.close()

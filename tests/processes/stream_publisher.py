@@ -1,7 +1,8 @@
 """A publisher for tests between processes: frames at a rate, some static, until a signal.
 
 python stream_publisher.py NAME [--moving FRAME]... [--static FRAME]... [--x X] [--from STAMP_S]
-    [--namespace NAMESPACE] [--split] [--priority N] [--remove CHILD]... [--correct CHILD]...
+    [--namespace NAMESPACE] [--split] [--priority N] [--history S] [--remove CHILD]...
+    [--correct CHILD]...
 
 A FRAME is PARENT:CHILD, or CHILD for one that hangs below `world`; each is X metres ahead of its
 parent. Stamps are the time; or the first is STAMP_S, and time goes on. At SIGUSR1 it removes the
@@ -34,7 +35,9 @@ class Publisher:
         self._static = StaticTransformBroadcaster(node)
         if asked.static:
             self._static.send_transform(self._frames(asked.static, asked.x))
-        self._broadcaster = TransformBroadcaster(node, priority=asked.priority, split=asked.split)
+        self._broadcaster = TransformBroadcaster(
+            node, priority=asked.priority, split=asked.split, history_s=asked.history_s
+        )
         self._is_told = threading.Event()
         signal.signal(signal.SIGUSR1, lambda number, frame: self._is_told.set())
         node.create_timer(PERIOD_S, self._step)
@@ -77,6 +80,7 @@ def main() -> None:
     parser.add_argument("--namespace", default="")
     parser.add_argument("--split", action="store_true")
     parser.add_argument("--priority", type=int, default=0)
+    parser.add_argument("--history", dest="history_s", type=float, default=10.0)
     parser.add_argument("--remove", action="append", default=[])
     parser.add_argument("--correct", action="append", default=[])
     asked = parser.parse_args()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.live_bus import free_port
 from tests.processes.publishers import start
 from tests.simulated_bus import Bus
@@ -90,12 +90,13 @@ def test_history_comes_through_a_router(bus: Bus, comes_first: str) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus.start("router", "--listen", endpoint).wait_for_line("Routing on")
     env = {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
-    arguments = ("sim", "--moving", "robot", "--from", "1000")
+    # As long as the test: on a busy machine the listener may come long after the first message.
+    arguments = ("sim", "--moving", "robot", "--from", "1000", "--history", str(DEADLINE_S))
     if comes_first == "publisher":
         start(bus, *arguments, env=env)
     node = bus.node("listener", mode="client", connect=(endpoint,))
-    buffer = Buffer()
-    with TransformListener(buffer, node, history_s=60.0):
+    buffer = Buffer(cache_time_s=DEADLINE_S)
+    with TransformListener(buffer, node, history_s=DEADLINE_S):
         if comes_first == "listener":
             start(bus, *arguments, env=env)
         eventually(lambda: oldest_ns(buffer, "robot") == 1000 * S)

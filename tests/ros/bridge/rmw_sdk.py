@@ -28,7 +28,9 @@ def heard(topic: str, message: Any) -> None:
     """Print the frames of a message."""
     for each in message.transforms:
         if each.child_frame_id != "sdk_arm":
-            print("heard", topic, each.child_frame_id, each.transform.translation.x, flush=True)
+            # In one piece: the topics have a thread each.
+            x = each.transform.translation.x
+            print(f"heard {topic} {each.child_frame_id} {x}\n", end="", flush=True)
 
 
 late = QosProfile(durability=QosDurability.TRANSIENT_LOCAL, history_depth=100)
@@ -48,7 +50,7 @@ transform = types["geometry_msgs/msg/TransformStamped"](
         rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
     ),
 )
-print("ready", flush=True)
+print("ready\n", end="", flush=True)
 while True:
     publisher.publish(transforms=[transform])
     time.sleep(0.1)

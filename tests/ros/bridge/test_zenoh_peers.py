@@ -120,7 +120,7 @@ class TestPyzeros:
         # The first time it compiles how it writes an attachment.
         eventually(lambda: heard)
         assert {gid} == {each for _, each in heard}
-        assert leg.publishers("/tf") == [RosPublisher(gid, "/robot1/pyzeros_node")]
+        eventually(lambda: leg.publishers("/tf") == [RosPublisher(gid, "/robot1/pyzeros_node")])
         assert children(heard[0][0]) == ["pyzeros_arm"]
         assert leg.warnings() == []
         sender = leg.publisher(TF)

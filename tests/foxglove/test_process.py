@@ -58,6 +58,8 @@ def test_the_demo_in_foxglove(bus: Bus) -> None:
         eventually(lambda: client.published.get("/tf") == ["/broadcaster1"])
         client.send("getParameters", parameterNames=["/sim.background_r"], id="r")
         eventually(lambda: client.parameters.get("/sim.background_r") == 69)
+        # The answer to a change does not wait for a slow node: then the value comes as an update.
+        client.send("subscribeParameterUpdates", parameterNames=["/sim.background_r"])
         client.send(
             "setParameters", parameters=[{"name": "/sim.background_r", "value": 100}], id="s"
         )

@@ -150,8 +150,12 @@ def is_dropped(client: socket.socket, garbage: bytes) -> bool:
 
 
 @pytest.mark.real
-def test_requests_that_are_never_sent_shut_nobody_out(front: Front) -> None:
+def test_requests_that_are_never_sent_shut_nobody_out(
+    front: Front, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Those who hold connections open without a request lose the first of them to newcomers."""
+    # None of them is answered that its time is over.
+    monkeypatch.setattr("tfbus.foxglove.front._PATIENCE_S", DEADLINE_S)
     held = []
     try:
         for _ in range(3 * MOST_CLIENTS):

@@ -106,6 +106,17 @@ def test_after_runs_once(executor: Executor) -> None:
     assert ran == [1]
 
 
+def test_cancelled_timers_are_forgotten_long_before_they_are_due(executor: Executor) -> None:
+    """As many as are made and cancelled, fewer than a hundred of them stay; the others run."""
+    ran = threading.Event()
+    executor.after(0.05, ran.set)
+    for _ in range(10_000):
+        executor.after(1e6, ran.clear).cancel()
+    _, timers = executor.waiting()
+    assert timers < 100
+    assert ran.wait(30.0)
+
+
 def test_slow_timers_do_not_hold_up_other_callbacks(executor: Executor) -> None:
     """Where timers take longer than their periods, other callbacks still run between them."""
     started = threading.Event()

@@ -105,6 +105,7 @@ def test_output_of_echo_is_read(form: str, tmp_path: Path) -> None:
         ("stamp_ns,frame_id,child_frame_id,x,y,z,qx,qy,qz,qw\n1,a,b,0,0,0,0,0,0,x\n", "line 2"),
         ('{"stamp_ns": 1}\n', "line 1"),
         ("{\n", "line 1"),
+        ('{"xyz": ' + "[" * 100_000, "line 1"),
         (
             '{"stamp_ns": 1, "frame_id": "a", "child_frame_id": "b", "xyz": [0, 0, 0], '
             '"quat_xyzw": [0, 0, 0, 1]}\n[]\n',

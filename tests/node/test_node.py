@@ -29,7 +29,8 @@ from tfbus import (
 )
 from tfbus.messages import Pose, RotateAbsolute, Spawn, Vector3
 from tfbus.node.action import CancelGoal
-from tfbus.wire.codec import decode_map, encode_map
+from tfbus.wire.codec import decode_map, encode_map, encode_message
+from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import node_key, node_parameters_key, parameter_key
 
 
@@ -712,6 +713,24 @@ class TestNames:
         lines += capsys.readouterr().err.splitlines()
         (line,) = lines
         assert "[sim]: Ignored another description" in line and "node /sim: " in line
+        queryable.undeclare()
+
+    def test_nodes_of_one_name_without_end_are_warned_of_a_few_times(
+        self, bus: Bus, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        """A program may make up as many as it likes: neither the log nor the memory grows."""
+        made_up = [
+            encode_message(
+                NodeDescription("/sim", "", 1, "", str(number), 1, (), (), {}, {}, {}, {})
+            )
+            for number in range(50)
+        ]
+        queryable = bus.node("stranger").session.zenoh.declare_queryable(
+            node_key("sim"), lambda query: [query.reply(query.key_expr, each) for each in made_up]
+        )
+        bus.node("sim")
+        time.sleep(1.0)
+        assert capsys.readouterr().err.count("There is another node /sim") == 20
         queryable.undeclare()
 
     def test_namespaces_keep_two_robots_apart(self, bus: Bus) -> None:

@@ -117,6 +117,22 @@ def test_several_parts_have_pauses_between_them(tmp_path: Path) -> None:
     ]
 
 
+def test_nodes_and_streams_that_ended_in_between_end_in_their_order(tmp_path: Path) -> None:
+    """That in which they came, in each run of Python."""
+    names = [f"robot{number}" for number in range(20)]
+    began = [EventItem(moment(1), kind, name) for kind in ("node", "stream") for name in names]
+    ended = [
+        EventItem(moment(5), f"{kind} gone", name) for kind in ("node", "stream") for name in names
+    ]
+    later = TopicItem(moment(9), "pose", "Pose", {})
+    with recorded(tmp_path / "a.mcap", [*began, *ended, later]) as reader:
+        found = list(cut(reader, [Span(moment(0), moment(2)), Span(moment(8), moment(9))]))
+    gone = [(each.kind, each.name) for each in found if isinstance(each, EventItem)]
+    assert [each for each in gone if each[0].endswith("gone")] == [
+        (each.kind, each.name) for each in ended
+    ]
+
+
 def test_spans_that_overlap_are_one(tmp_path: Path) -> None:
     """Nothing comes twice."""
     spans = [Span(moment(1), moment(5)), Span(moment(4), moment(8))]

@@ -60,6 +60,10 @@ def _failures() -> tuple[type[BaseException], ...]:
     return (Exception, SystemExit, *cancelled)
 
 
+# With fewer timers, cancelled ones are not taken out before they are due.
+_LEAST_DUE = 64
+
+
 class Executor:
     """Runs callbacks in the order of their submission; a timer is submitted when it is due.
 
@@ -89,6 +93,7 @@ class Executor:
         self._lock = scheduler.RLock()
         self._ready: deque[_Task] = deque()
         self._due: list[tuple[float, int, Timer]] = []
+        self._most_due = _LEAST_DUE  # with so many, cancelled ones are taken out
         self._order = itertools.count()
         self._threads: list[scheduler.Thread] = []
         self._workers: list[_Worker] = []
@@ -268,6 +273,11 @@ class Executor:
         return bool(self._ready or (self._due and self._timekeeper is None))
 
     def _schedule(self, when_s: float, timer: Timer) -> None:
+        if len(self._due) >= self._most_due:
+            # Cancelled ones would stay until they are due, which may be in a year.
+            self._due[:] = [entry for entry in self._due if not entry[2].cancelled]
+            heapq.heapify(self._due)
+            self._most_due = max(_LEAST_DUE, 2 * len(self._due))
         heapq.heappush(self._due, (when_s, next(self._order), timer))
 
     def _queue_due_timers(self, now_s: float) -> None:

@@ -88,7 +88,7 @@ cdef class Tree:
     @cython.locals(history=History)
     cpdef bint remove(self, str frame) except -1
     cpdef bint remove_sent(self, str frame, str authority) except -1
-    @cython.locals(history=History)
+    @cython.locals(history=History, found=list)
     cdef list _children(self, History parent)
     cdef _report(self, str kind, History child, History parent, str authority, long long stamp_ns)
 

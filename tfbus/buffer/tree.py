@@ -553,7 +553,13 @@ class Tree:
         return frame in self.senders.get(authority, {}) and self.remove(frame)
 
     def _children(self, parent: History) -> list[History]:
-        return [history for history in self.frames.values() if history.parent is parent]
+        found: list[History] = []
+        for history in self.frames.values():
+            if len(found) == parent.children:
+                break  # of a leaf at once: most questions are about one
+            if history.parent is parent:
+                found.append(history)
+        return found
 
     def _report(
         self, kind: Kind, child: History, parent: History | None, authority: str, stamp_ns: int

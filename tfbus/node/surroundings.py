@@ -33,6 +33,10 @@ from tfbus.wire.keys import clock_key, node_key
 _CHECK_AFTER_S = 0.3
 
 
+# So many nodes of one name are warned of.
+_MOST_NAMED = 20
+
+
 class DuplicateNameWatch:
     """Warns once of each other node of this node's name: requests may reach either of them.
 
@@ -56,7 +60,7 @@ class DuplicateNameWatch:
         self._executor = executor
         self._log = log
         self._once = LogOnce(log)
-        self._known = {session.id}
+        self._named: set[str] = set()
         self._check: Timer = executor.after(_CHECK_AFTER_S, self._ask)
         session.watch_links(self._ask_soon)
         self._ask(at_start=True)
@@ -90,8 +94,10 @@ class DuplicateNameWatch:
             other.started_ns,
             other.session,
         )
-        if other.session not in self._known and is_second:
-            self._known.add(other.session)
+        is_new = other.session not in {*self._named, self._session.id}
+        # Answers come from others, who may make up sessions without end.
+        if is_new and is_second and len(self._named) < _MOST_NAMED:
+            self._named.add(other.session)
             self._log.warning(
                 "There is another node %s, on %s with pid %s: give this one another name "
                 "(--name), or a namespace (--namespace)",

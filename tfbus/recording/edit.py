@@ -191,11 +191,12 @@ def _in_order(spans: Sequence[Span]) -> list[Span]:
 
 def _ended(state: BusState, later: BusState, log_ns: int) -> Iterator[EventItem]:
     """Events for nodes and streams that have gone between two spans."""
-    for name in state.nodes.keys() - later.nodes.keys():
+    # Lists: the state changes with each event.
+    for name in [each for each in state.nodes if each not in later.nodes]:
         yield EventItem(log_ns, "node gone", name)
-    for name in state.streams.keys() - state.gone.keys():
-        if name not in later.streams:
-            yield EventItem(log_ns, "stream gone", name)
+    alive = [each for each in state.streams if each not in state.gone]
+    for name in [each for each in alive if each not in later.streams]:
+        yield EventItem(log_ns, "stream gone", name)
 
 
 def _numbered(

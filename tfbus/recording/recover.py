@@ -2,6 +2,7 @@
 
 import os
 import re
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -177,6 +178,7 @@ class _DamagedFile(McapFile):
         self.has_all_messages = False
         # The chunks of the summary, if there is one, by the places where they begin.
         self._stated: dict[int, Chunk] = {}
+        self._stated_at: list[int] = []  # their offsets, sorted
         self._counted: set[int] = set()
         self.size = os.fstat(self._file).st_size
         self._read_header()
@@ -196,6 +198,7 @@ class _DamagedFile(McapFile):
             self._clear()
             return
         self._stated = {chunk.offset: chunk for chunk in self.chunks}
+        self._stated_at = sorted(self._stated)
         self._forget_all_but_definitions()
 
     def _forget_all_but_definitions(self) -> None:
@@ -207,6 +210,8 @@ class _DamagedFile(McapFile):
         self.channels.update(channels)
 
     def _scan(self) -> None:
+        # The latest time of the first `_seen` chunks.
+        self._latest_ns = self._seen = 0
         at = len(MAGIC)
         bare_at = None  # where messages without a chunk begin
         is_summary = False
@@ -243,14 +248,19 @@ class _DamagedFile(McapFile):
         """Bytes in the middle that are no records, with the times and count of their chunks by the
         summary or, without one, the times of the chunks around them.
         """
-        stated = [chunk for offset, chunk in self._stated.items() if at <= offset < end]
+        first = bisect_left(self._stated_at, at)
+        offsets = self._stated_at[first : bisect_left(self._stated_at, end, first)]
+        stated = [self._stated[offset] for offset in offsets]
         indexed = [self._damage_of(chunk, DecodeError("")) for chunk in stated]
         counts = [each.messages for each in indexed if each.messages]
         if stated:
             begin = min(chunk.from_ns for chunk in stated)
             until = max(chunk.to_ns for chunk in stated)
             return Damage(at, end - at, "no records", begin, until, sum(counts) or None)
-        before = max((chunk.to_ns for chunk in self.chunks), default=None)
+        for chunk in self.chunks[self._seen :]:
+            self._latest_ns = max(self._latest_ns, chunk.to_ns)
+        self._seen = len(self.chunks)
+        before = self._latest_ns
         behind = self._said_times(Chunk(end, 0, 0, 0)) if self._is_chunk(end) else []
         return Damage(
             at,

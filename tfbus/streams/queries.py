@@ -546,6 +546,7 @@ class AskedHistory:
             del missing[:1]
             self._asked[key] = None
             if missing and not self._closed:
+                self._missing.setdefault(key, missing)  # it may have made room for other keys
                 self._begin(key, stream)
 
         asking = AskPages(

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable
 
+from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import DecodeError
 from tfbus.base.log import LogOnce
@@ -36,6 +37,8 @@ class StreamStates:
         # How many descriptions were rejected, by their stream; "" for streams that are not known.
         self.rejected: Counter[str] = Counter()
         self._states: dict[str, StreamState] = {}
+        # Taken for each change of both: Zenoh's threads read descriptions.
+        self._lock = scheduler.Lock()
         self._gone: Bounded[str, None] = Bounded(MOST_GONE, lambda name, _: self._forget(name))
         # When the tokens came that are back, and whose descriptions are not there so far.
         self.returning: dict[str, float] = {}
@@ -56,13 +59,15 @@ class StreamStates:
 
     def store(self, state: StreamState) -> None:
         """Store a state without a report."""
-        self._states[state.name] = state
+        with self._lock:
+            self._states[state.name] = state
 
     def change(self, state: StreamState) -> None:
         """Store a state and report it, if it is another."""
-        if state == self._states.get(state.name):
-            return
-        self._states[state.name] = state
+        with self._lock:
+            if state == self._states.get(state.name):
+                return
+            self._states[state.name] = state
         self._gone.pop(state.name, None)
         if not state.alive:
             self._gone[state.name] = None
@@ -76,8 +81,9 @@ class StreamStates:
             self.change(replace(former, alive=True))
 
     def _forget(self, name: str) -> None:
-        state = self._states.pop(name)
-        self.rejected.pop(name, None)
+        with self._lock:
+            state = self._states.pop(name)
+            self.rejected.pop(name, None)
         self._on_forgotten(state)
 
     def is_name(self, key: str) -> bool:
@@ -95,8 +101,10 @@ class StreamStates:
             description, mistake = read_description(payload)
         except DecodeError as error:
             self.reject(name, error)
-            if state := self._states.get(name):
-                self._states[name] = replace(state, unreadable=printable(str(error)))
+            why = printable(str(error))
+            with self._lock:
+                if state := self._states.get(name):
+                    self._states[name] = replace(state, unreadable=why)
             return None
         if mistake:
             self.once.warning(("frame", name), "Ignored a frame of stream %r: it %s", name, mistake)
@@ -114,7 +122,8 @@ class StreamStates:
 
     def reject(self, stream: str, error: DecodeError | str) -> None:
         """Count a description that is not taken, and log the first."""
-        self.rejected[stream if stream in self._states else ""] += 1
+        with self._lock:
+            self.rejected[stream if stream in self._states else ""] += 1
         self.once.warning(
             ("rejected", stream), "Dropped the description of stream %r: %s", stream, error
         )

@@ -182,7 +182,7 @@ class DdsSubscription:
             for sample in taken:
                 if sample.sample_info.valid_data:
                     gid = watch.gid_of(sample.sample_info.publication_handle)
-                    self._calls.call(sample.data, gid)
+                    self._leg.safely(self._calls.call, sample.data, gid)
 
     def close(self) -> None:
         """It takes no message after this."""
@@ -370,13 +370,14 @@ class DdsLeg:
             if self._closing:
                 return
             # Publishers come before their messages.
-            self._safely(self.watch.update)
+            self.safely(self.watch.update)
             with self._lock:
                 subscriptions = list(self._subscriptions)
             for each in subscriptions:
-                self._safely(each.receive, self.watch)
+                self.safely(each.receive, self.watch)
 
-    def _safely(self, call: Any, *values: Any) -> None:
+    def safely(self, call: Any, *values: Any) -> None:
+        """Call it; an exception is logged, the first time, and costs only this call."""
         try:
             call(*values)
         except Exception as error:

@@ -149,7 +149,8 @@ class TestMaster:
 
     def test_a_master_tells_its_nodes(self, master: str) -> None:
         """Each once, whatever it publishes."""
-        assert nodes_of_master(master) == 3
+        # A master that takes longer than a second is as good as none.
+        assert eventually(lambda: nodes_of_master(master)) == 3
 
     @pytest.mark.parametrize(
         "uri", ["", "localhost", "ftp://localhost", "http://[", "http://:99999"]

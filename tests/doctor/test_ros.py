@@ -11,6 +11,7 @@ import pytest
 
 from tests.buses import eventually
 from tests.live_bus import Bus, free_port
+from tests.ros.bridge.dds_domain import claim_domain
 from tests.ros2_on_zenoh import Ros2
 from tfbus import Buffer, NodeSettings
 from tfbus.bus.session import Session
@@ -21,10 +22,6 @@ from tfbus.doctor.host_checks import check_ros
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.wire.descriptions import NodeDescription
-
-# A domain that none uses: its port is below those that systems give out.
-DOMAIN = 97
-PORT = 7400 + 250 * DOMAIN
 
 # The beginnings of announcements, of ROS 2 Kilted with Fast DDS and of a program with Cyclone DDS.
 FAST_DDS = bytes.fromhex(
@@ -57,19 +54,20 @@ class TestDds:
     @pytest.mark.real
     def test_announcements_are_heard_beside_another_listener(self) -> None:
         """Also where the port is taken, which says that DDS is on this host."""
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
+        domain, claim = claim_domain()
+        with claim, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
             loopback = socket.inet_aton("127.0.0.1")
             other.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, loopback)
-            watch = RtpsWatch(DOMAIN)
+            watch = RtpsWatch(domain)
 
             def is_heard() -> bool:
                 for packet in (FAST_DDS, b"RTPS", b"", CYCLONE):
-                    other.sendto(packet, ("239.255.0.1", PORT))
+                    other.sendto(packet, ("239.255.0.1", 7400 + 250 * domain))
                 return len(watch.participants()) == 2
 
             eventually(is_heard)
             assert not watch.is_port_taken
-            second = RtpsWatch(DOMAIN)
+            second = RtpsWatch(domain)
             assert second.is_port_taken
             assert second.listened_s > 0
             second.close()
@@ -149,7 +147,8 @@ class TestMaster:
 
     def test_a_master_tells_its_nodes(self, master: str) -> None:
         """Each once, whatever it publishes."""
-        assert nodes_of_master(master) == 3
+        # A master that takes longer than a second is as good as none.
+        assert eventually(lambda: nodes_of_master(master)) == 3
 
     @pytest.mark.parametrize(
         "uri", ["", "localhost", "ftp://localhost", "http://[", "http://:99999"]

@@ -9,6 +9,7 @@ from xmlrpc.server import SimpleXMLRPCServer
 
 import pytest
 
+from tests.buses import DEADLINE_S
 from tfbus.ros.ros1 import Ros1Master, Ros1State
 
 PAGE = b"HTTP/1.0 200 OK\r\nContent-Type: text/html\r\n\r\n<html><p>Hello<br></html>"
@@ -68,7 +69,8 @@ def answering(answer: Any) -> Ros1State:
         thread = threading.Thread(target=server.handle_request)
         thread.start()
         try:
-            return Ros1Master(f"http://127.0.0.1:{server.server_address[1]}", "/test").state()
+            uri = f"http://127.0.0.1:{server.server_address[1]}"
+            return Ros1Master(uri, "/test", DEADLINE_S).state()
         finally:
             thread.join()
 

@@ -1,6 +1,7 @@
 """The leg over DDS without any ROS beside it: two in this process, on loopback."""
 
 import logging
+import math
 import socket
 import threading
 from collections.abc import Callable, Iterator
@@ -208,6 +209,7 @@ def test_bytes_that_are_no_message_of_the_type_are_refused(legs: tuple[Leg, Leg]
 
 def test_a_leg_alone_says_so(open_leg: OpenLeg, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without any other node, once one would be found, the warnings say what to look at."""
+    monkeypatch.setattr("tfbus.ros.bridge.legs.dds._DISCOVERY_S", math.inf)
     leg = open_leg("alone")
     assert not leg.warnings()
     monkeypatch.setattr("tfbus.ros.bridge.legs.dds._DISCOVERY_S", 0.0)

@@ -144,6 +144,19 @@ def test_a_matrix_that_is_no_rotation_is_refused():
             Transform.from_matrix(matrix)
 
 
+@pytest.mark.parametrize("at", [(0, 0), (0, 1), (2, 1)])
+def test_a_matrix_is_a_rotation_to_the_same_tolerance_everywhere(at):
+    """To 1e-5 in the lengths of its rows and between them, one or many."""
+    near, far = np.eye(3), np.eye(3)
+    near[at] += 4e-6
+    far[at] += 3e-5
+    assert Transform.from_matrix(near).is_close(Transform.identity(), 1e-5)
+    assert len(TransformArray.from_matrix([near, near])) == 2
+    for refused in (Transform.from_matrix, lambda matrix: TransformArray.from_matrix([matrix])):
+        with pytest.raises(InvalidArgumentException, match="not a rotation"):
+            refused(far)
+
+
 def test_values_cannot_be_changed():
     """Transforms and their arrays are read-only; they can be keys, and be pickled."""
     a = TransformStamped(5, "world", "robot", Transform((1, 2, 3)))

@@ -20,8 +20,8 @@ Triple = tuple[float, float, float]
 
 # Two components of a quaternion that together are below this are rounding: gimbal lock.
 LOCKED_BELOW = 1e-8
-# The tolerance of a rotation's matrix.
-ORTHOGONAL_WITHIN = 1e-6
+# The tolerance of a rotation's matrix, of the products of its rows.
+ORTHOGONAL_WITHIN = 1e-5
 # Below this sine of the angle between two directions rounding decides the normal of both.
 PARALLEL_WITHIN = 1e-9
 
@@ -85,15 +85,17 @@ def matrices_of(quat_xyzw: Floats) -> Floats:
 
 
 def is_rotation(matrix: Floats) -> bool:
-    """Whether a matrix (3, 3) is orthogonal (to 1e-6) and right-handed."""
-    is_orthogonal = np.allclose(matrix @ matrix.T, np.eye(3), atol=ORTHOGONAL_WITHIN)
+    """Whether a matrix (3, 3) is orthogonal (to 1e-5) and right-handed."""
+    is_orthogonal = np.allclose(matrix @ matrix.T, np.eye(3), rtol=0.0, atol=ORTHOGONAL_WITHIN)
     return bool(is_orthogonal and not np.linalg.det(matrix) < 0)
 
 
 def are_rotations(matrices: Floats) -> NDArray[np.bool_]:
     """Which of the matrices (N, 3, 3) are rotations, as `is_rotation` has it."""
     squares = matrices @ np.swapaxes(matrices, 1, 2)
-    are_orthogonal = np.isclose(squares, np.eye(3), atol=ORTHOGONAL_WITHIN).all(axis=(1, 2))
+    are_orthogonal = np.isclose(squares, np.eye(3), rtol=0.0, atol=ORTHOGONAL_WITHIN).all(
+        axis=(1, 2)
+    )
     checked: NDArray[np.bool_] = are_orthogonal & (np.linalg.det(matrices) > 0.0)
     return checked
 

@@ -116,7 +116,7 @@ class Transform:
         """From a homogeneous matrix (4, 4), or (3, 4) without its last row; or from a rotation's
         matrix (3, 3) and a translation `xyz` (3,), by default 0.
 
-        Raises InvalidArgumentException unless the left (3, 3) is a rotation (to 1e-6) and the
+        Raises InvalidArgumentException unless the left (3, 3) is a rotation (to 1e-5) and the
         last row is 0 0 0 1.
         """
         m = as_floats(matrix, "matrix")

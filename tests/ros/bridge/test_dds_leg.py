@@ -299,6 +299,26 @@ def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None
     assert expected in configuration((), LOG, environ)
 
 
+def test_a_message_that_fails_costs_no_other(legs: tuple[Leg, Leg]) -> None:
+    """Those that wait behind it, taken with it, come all the same."""
+    reader, writer = legs
+    goes_on, came = threading.Event(), [0]
+
+    def on_message(payload: bytes, gid: str) -> None:
+        came[0] += 1
+        assert goes_on.wait(DEADLINE_S)
+        assert came[0] != 2, "no message"
+
+    reader.subscribe(CHATTER, on_message)
+    sender = writer.publisher(CHATTER)
+    eventually(lambda: sender.heard)
+    send_until(lambda: sender.send(HI), lambda: came[0] == 1)
+    for _ in range(5):
+        sender.send(HI)
+    goes_on.set()
+    eventually(lambda: came[0] >= 6)
+
+
 @pytest.mark.parametrize(("sent", "is_lost"), [(3000, False), (9000, True)])
 def test_a_reader_that_is_held_up(open_leg: OpenLeg, *, sent: int, is_lost: bool) -> None:
     """Some thousand transforms wait meanwhile; that more came than wait is noticed."""

@@ -1,6 +1,7 @@
 """Presence: nodes start, are listed and described, and end."""
 
 import logging
+from collections.abc import Callable
 
 import pytest
 
@@ -16,6 +17,7 @@ from tfbus.bus.presence import (
     list_nodes,
 )
 from tfbus.bus.query import Query
+from tfbus.bus.remote_parameters import parameter_of, parameters_of, set_parameter
 from tfbus.bus.session import Session
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import ALL_NODES_EVERYWHERE, node_key, relative_name
@@ -119,6 +121,32 @@ def test_a_node_that_does_not_answer_is_not_taken_for_absent(bus: Bus) -> None:
     eventually(lambda: "/stranger" in list_nodes(session))
     with pytest.raises(BusError, match="'busy' did not answer"):
         describe_nodes(session, "busy")
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        lambda session: [node.name for node in describe_nodes(session, "sim")] == ["/sim"],
+        lambda session: [each.name for each in parameters_of(session, "sim")] == ["radius"],
+        lambda session: parameter_of(session, "/sim", "radius", print).value == 1.0,
+        lambda session: set_parameter(session, "sim", "radius", 2.0, print).value == 2.0,
+    ],
+)
+def test_a_node_that_has_not_said_what_it_serves_is_asked_again(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch, asked: Callable[[Session], bool]
+) -> None:
+    """It is there, but a link may be open before its far end has said all: it is not called
+    unknown.
+    """
+    bus.node("sim").declare_parameter("radius", 1.0)
+    session = look(bus)
+    eventually(lambda: "/sim" in list_nodes(session))
+    unheard = [iter(()), iter(())]
+    ask = session.ask
+    monkeypatch.setattr(
+        session, "ask", lambda *args, **named: unheard.pop() if unheard else ask(*args, **named)
+    )
+    assert asked(session) and not unheard
 
 
 def test_an_empty_bus_is_reported(bus: Bus) -> None:

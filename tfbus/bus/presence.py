@@ -132,17 +132,42 @@ def frames_in_other_namespaces(session: Session) -> set[tuple[str, str]]:
     }
 
 
+def full_name_of(session: Session, node: str) -> str:
+    """The full name of a node, given a name relative to the session's namespace or a full one."""
+    namespace = session.settings.namespace
+    name = relative_name(node, namespace)
+    return name if name.startswith("/") else "/" + "/".join(filter(None, (namespace, name)))
+
+
+def ask_node(
+    session: Session, name: str, key: Callable[[str], str], payload: bytes | None = None
+) -> list[Answer]:
+    """The answers of the nodes of a name to a query at `key(name without its path)`, beside it;
+    none of a node that is there and does not answer.
+
+    Raises BusError with the nearest name if there is none. A node that is there is asked again: a
+    link may be open before its far end has said on it what it serves.
+    """
+    at = key_beside(name, key, session.settings.namespace)
+    deadline_s = scheduler.monotonic() + _SAID_WITHIN_S
+    while not (answers := [*session.ask(at, payload, timeout_s=PATIENCE_S)]):
+        present = list_nodes(session)
+        if printable(full_name_of(session, name)) not in present:
+            raise BusError(_absent(name, session, present))
+        if scheduler.monotonic() >= deadline_s:
+            break
+        scheduler.sleep(_AGAIN_AFTER_S)
+    return answers
+
+
 def describe_nodes(session: Session, name: str) -> list[NodeDescription]:
     """The descriptions of the nodes of a full name: several if nodes share the name.
 
     Raises BusError with the nearest name if there is none, or if none answers in time; DecodeError
     if a description is unreadable.
     """
-    key = key_beside(name, node_key, session.settings.namespace)
-    answers = [*session.ask(key, timeout_s=PATIENCE_S)]
+    answers = ask_node(session, name, node_key)
     described = [read_node(session, answer) for answer in answers if answer.refusal is None]
-    if not described and not answers:
-        raise BusError(_absent(name, session))
     if not described:
         why = next(filter(None, (answer.refusal for answer in answers)), "")
         raise BusError(f"node {name!r} did not answer{f': {why}' if why else ' in time'}")
@@ -212,8 +237,7 @@ def key_beside(name: str, key: Callable[[str], str], namespace: str) -> str:
     return f"{path.removesuffix(node)}{key(node)}"
 
 
-def _absent(name: str, session: Session) -> str:
-    present = list_nodes(session)
+def _absent(name: str, session: Session, present: list[str]) -> str:
     if not present:
         why = bus_out_of_reach(session) or "is it running, on this network?"
         return f"there is no node {name!r}, nor any other: {why}"

@@ -3,10 +3,16 @@
 If several nodes share a name the first that answers counts, and `warn(text)` is called.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from tfbus.base.errors import BusError, DecodeError, ParameterError
-from tfbus.bus.presence import PATIENCE_S, describe_nodes, key_beside
+from tfbus.bus.presence import (
+    PATIENCE_S,
+    ask_node,
+    describe_nodes,
+    full_name_of,
+    key_beside,
+)
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.wire.codec import decode_message, encode_map
@@ -15,7 +21,6 @@ from tfbus.wire.keys import (
     escape,
     node_parameters_key,
     parameter_key,
-    relative_name,
     setting_key,
 )
 
@@ -24,9 +29,10 @@ Warn = Callable[[str], object]
 
 def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
     """All parameters of the node, by name. Raises BusError if there is no such node."""
-    described = _ask(session, node, None)
-    if not described:
-        describe_nodes(session, node)  # raises if there is no such node
+    key = key_beside(node, node_parameters_key, session.settings.namespace)
+    described = _read(node, session.ask(key, timeout_s=PATIENCE_S))
+    if not described:  # it has none, or has not said yet what it serves
+        described = [each for known in describe_nodes(session, node) for each in known.parameters]
     return sorted(described, key=lambda parameter: parameter.name)
 
 
@@ -47,18 +53,10 @@ def set_parameter(
     return _one(session, node, answers, warn)
 
 
-def full_name_of(session: Session, node: str) -> str:
-    """The full name of a node, given a name relative to the session's namespace or a full one."""
-    namespace = session.settings.namespace
-    name = relative_name(node, namespace)
-    return name if name.startswith("/") else "/" + "/".join(filter(None, (namespace, name)))
-
-
 def _one(
     session: Session, node: str, described: list[ParameterDescription], warn: Warn
 ) -> ParameterDescription:
     if not described:
-        describe_nodes(session, node)
         raise BusError(f"node {node!r} did not answer")
     if len(described) > 1:
         warn(f"{len(described)} nodes have the name {node}")
@@ -66,28 +64,21 @@ def _one(
 
 
 def _ask(
-    session: Session, node: str, parameter: str | None, payload: bytes | None = None
+    session: Session, node: str, parameter: str, payload: bytes | None = None
 ) -> list[ParameterDescription]:
-    """The node's answers about its parameter, or all of its parameters if that is None."""
-
+    """The node's answers about its parameter. Raises BusError if there is no such node."""
     is_setting = payload is not None and session.settings.closed is not None
+    key_of = setting_key if is_setting else parameter_key
+    return _read(node, ask_node(session, node, lambda name: key_of(name, parameter), payload))
 
-    def key_of(name: str) -> str:
-        if parameter is None:
-            return node_parameters_key(name)
-        return (setting_key if is_setting else parameter_key)(name, parameter)
 
-    key = key_beside(node, key_of, session.settings.namespace)
+def _read(node: str, answers: Iterable[Answer]) -> list[ParameterDescription]:
     described = []
-    for answer in session.ask(key, payload, timeout_s=PATIENCE_S):
+    for answer in answers:
         if answer.refusal is not None:
             raise ParameterError(answer.refusal or f"node {node!r} did not answer in time")
-        described.append(_read(node, answer))
+        try:
+            described.append(decode_message(ParameterDescription, answer.payload))
+        except DecodeError as error:
+            raise DecodeError(f"the parameters of node {node!r} are unreadable: {error}") from error
     return described
-
-
-def _read(node: str, answer: Answer) -> ParameterDescription:
-    try:
-        return decode_message(ParameterDescription, answer.payload)
-    except DecodeError as error:
-        raise DecodeError(f"the parameters of node {node!r} are unreadable: {error}") from error

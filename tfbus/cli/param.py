@@ -11,8 +11,8 @@ from click.shell_completion import CompletionItem
 
 from tfbus.base.errors import ParameterError, TfbusError
 from tfbus.base.wording import counted, did_you_mean, listed
-from tfbus.bus.presence import list_nodes
-from tfbus.bus.remote_parameters import full_name_of, parameter_of, parameters_of, set_parameter
+from tfbus.bus.presence import full_name_of, list_nodes
+from tfbus.bus.remote_parameters import parameter_of, parameters_of, set_parameter
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs

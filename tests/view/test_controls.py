@@ -104,7 +104,7 @@ def test_each_event_is_taken_from_its_browser_in_order() -> None:
 
 
 def test_a_file_of_settings_replaces_them_and_a_wrong_one_does_not() -> None:
-    """As a browser loads it, by what it downloaded before; a wrong file is told in one sentence."""
+    """A browser loads the file that it downloaded; of a wrong file one sentence says why not."""
     gui, view = MagicMock(), ViewState(ViewSettings(follow="base"))
     gui.add_text.side_effect = lambda label, value, hint: Handle(value=value)
     told: list[Any] = []

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.real
 
 
 def answers(robot: Node) -> list[NodeDescription]:
-    """What the view says of itself; nothing where it does not in time, as on a busy machine."""
+    """The descriptions of the view; none if it does not answer in time, as on a busy machine."""
     with suppress(BusError):
         return describe_nodes(robot.session, "/view")
     return []

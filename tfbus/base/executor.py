@@ -60,7 +60,7 @@ def _failures() -> tuple[type[BaseException], ...]:
     return (Exception, SystemExit, *cancelled)
 
 
-# With fewer timers, cancelled ones are not taken out before they are due.
+# Of fewer timers the cancelled ones stay until they are due.
 _LEAST_DUE = 64
 
 
@@ -93,7 +93,7 @@ class Executor:
         self._lock = scheduler.RLock()
         self._ready: deque[_Task] = deque()
         self._due: list[tuple[float, int, Timer]] = []
-        self._most_due = _LEAST_DUE  # with so many, cancelled ones are taken out
+        self._most_due = _LEAST_DUE  # with so many, cancelled timers are taken out
         self._order = itertools.count()
         self._threads: list[scheduler.Thread] = []
         self._workers: list[_Worker] = []

@@ -314,7 +314,8 @@ class _Poker:
     def _run(self) -> None:
         main = threading.main_thread().ident
         assert main is not None
-        while numbers := os.read(self._readable, 4096):
+        read = os.read  # as Python ends, it takes the names of this module away
+        while numbers := read(self._readable, 4096):
             self._is_handled = not {signal.SIGINT, signal.SIGTERM} & set(numbers)
             while not self._is_handled:
                 time.sleep(_POKE_EVERY_S)

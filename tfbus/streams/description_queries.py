@@ -321,7 +321,7 @@ class DescriptionQueries:
         self._executor.submit(_WHAT, job)
 
 
-# Where no stream lists a frame nobody answers, as if the question were lost: it is repeated.
+# If no stream lists a frame no answer comes, as if the question were lost: it is repeated.
 _LIST_PAUSES = Pauses((0.4, 2.0), lost_after_s=0.5)
 # More new tokens than these are asked by one question for all.
 _FEW = 20

@@ -224,6 +224,8 @@ def read_settings(text: str, name: str) -> ViewSettings:
     except yaml.MarkedYAMLError as error:
         line, reason = yaml_mistake(error)
         raise SettingsError(f"{name}:{line}: is not YAML: {reason}") from error
+    except RecursionError as error:
+        raise SettingsError(f"{name} is not YAML: it is nested too deeply") from error
     except (yaml.YAMLError, ValueError) as error:  # the latter for a date such as 2001-13-45
         raise SettingsError(f"{name} is not YAML: {' '.join(str(error).split())}") from error
     values = {} if values is None else values

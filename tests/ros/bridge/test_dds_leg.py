@@ -300,7 +300,7 @@ def test_it_looks_where_ros_does(environ: dict[str, str], expected: str) -> None
 
 
 def test_a_message_that_fails_costs_no_other(legs: tuple[Leg, Leg]) -> None:
-    """Those that wait behind it, taken with it, come all the same."""
+    """Messages that wait behind it, and are taken with it, come all the same."""
     reader, writer = legs
     goes_on, came = threading.Event(), [0]
 

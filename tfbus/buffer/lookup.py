@@ -36,7 +36,6 @@ from tfbus.geometry.batch_lookup import by_time, fill
 from tfbus.geometry.kernel import Path
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.geometry.transform_array import TransformArray, make_array
 
 try:
     import cython
@@ -254,8 +253,9 @@ def lookup_many(
     source_frame: str,
     stamps: NDArray[np.int64],
     sampling: Sampling,
-) -> tuple[TransformArray, NDArray[np.bool_]]:
-    """The transforms at N stamps, and which of them (N,) are known; the others are NaN.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """The transforms at N stamps: `xyz` (N, 3) and `quat_xyzw` (N, 4); and which of them (N,) are
+    known: the others are NaN.
 
     Raises LookupException or ConnectivityException if none of them can be known.
     """
@@ -275,7 +275,7 @@ def lookup_many(
             known.view(np.uint8).data,
             sampling,
         )
-    return make_array(xyz, quat_xyzw), known
+    return xyz, quat_xyzw, known
 
 
 def _fill_chunks(

@@ -19,6 +19,10 @@ class Clock:
     def __call__(self) -> int:
         return self.now_ns
 
+    def monotonic(self) -> float:
+        """The time in seconds, where it stands in for the scheduler of a module."""
+        return self.now_ns / 1e9
+
 
 class Lines(logging.Handler):
     """The messages of a log from now on, those of a level and above."""

@@ -13,7 +13,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 from tfbus.messages import Pose
 
 HALF_FIELD_M = 11.088889 / 2  # the world's origin is the middle of the field

@@ -19,7 +19,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 
 PERIOD_S = 0.1
 

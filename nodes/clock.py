@@ -14,7 +14,8 @@ import click
 
 from tfbus import Node, NodeSettings, Number, ServiceError, node_options
 from tfbus.base.wording import stamp_text
-from tfbus.command import Declared, Moment, MomentType, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
+from tfbus.command.types import Moment, MomentType
 from tfbus.messages import Clock, Empty, SetClock
 
 # The time is published at most this often; shorter steps are joined.

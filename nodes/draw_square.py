@@ -13,7 +13,7 @@ from math import cos, pi, remainder, sin
 import click
 
 from tfbus import Node, NodeSettings, node_options
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 from tfbus.messages import Empty, Pose, Twist, Vector3
 
 SIDE_M = 2.0

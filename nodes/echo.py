@@ -39,26 +39,19 @@ from tfbus import (
     node_options,
 )
 from tfbus.base.wording import listed
-from tfbus.command import (
-    POSITIVE,
-    BagChoice,
-    Moment,
-    MomentType,
-    bag_options,
-    max_gap_option,
-    own_name,
-)
-from tfbus.frames import (
+from tfbus.command.options import max_gap_option
+from tfbus.command.recordings import BagChoice, bag_options
+from tfbus.command.types import POSITIVE, Moment, MomentType, own_name
+from tfbus.frames.document import (
     CSV_HEADER,
     Numbers,
     csv_line,
     foxy_block,
     json_line,
-    recorded_transform,
-    recorded_transforms,
     short_line,
     tf2_block,
 )
+from tfbus.frames.recorded_poses import recorded_transform, recorded_transforms
 
 if TYPE_CHECKING:
     from tfbus import Node, TransformListener

@@ -25,7 +25,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 from tfbus.messages import Pose, Spawn, Twist, Vector3
 
 START = Spawn.Request(x=4.0, y=2.0, theta=0.0)

@@ -21,14 +21,10 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import (
-    BagChoice,
-    ServerOptions,
-    bag_options,
-    install_command,
-    server_options,
-)
-from tfbus.foxglove import Serving
+from tfbus.base.installation import install_command
+from tfbus.command.recordings import BagChoice, bag_options
+from tfbus.command.server import ServerOptions, server_options
+from tfbus.foxglove.front import Serving
 
 
 class _Robots(TypedDict):
@@ -143,7 +139,7 @@ def _show_bus(
     notes: Sequence[str],
     robots: _Robots,
 ) -> None:
-    from tfbus.foxglove import LiveBridge
+    from tfbus.foxglove.live import LiveBridge
 
     with Node.from_settings(settings) as node:
         bridge = LiveBridge(
@@ -171,7 +167,7 @@ def _show_recording(
     """Serve a recording; no bus is joined."""
     with bag.opened() as opened:
         span = opened.span
-    from tfbus.foxglove import PlaybackBridge
+    from tfbus.foxglove.playback import PlaybackBridge
 
     bridge = PlaybackBridge(
         bag.paths,

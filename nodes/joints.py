@@ -27,7 +27,8 @@ from tfbus import (
     node_options,
 )
 from tfbus.base.wording import counted, did_you_mean, listed, printable
-from tfbus.command import Declared, NodeCommand, RawTerminal
+from tfbus.command.parameters import Declared, NodeCommand
+from tfbus.command.terminal import RawTerminal
 from tfbus.messages import JointState, RobotDescription
 
 from .robot.board import Board

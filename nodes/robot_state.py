@@ -32,7 +32,7 @@ from tfbus import (
     node_options,
 )
 from tfbus.base.wording import counted, did_you_mean, listed, printable
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 from tfbus.messages import Empty, JointState, RobotDescription, RobotMesh, SetDescription
 
 from .robot.description import DescriptionFile, xacro_arguments

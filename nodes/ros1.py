@@ -6,7 +6,7 @@ Try it beside roscore: tfbus ros1
 import click
 
 from tfbus import NodeSettings, node_options
-from tfbus.ros.bridge import LegSettings
+from tfbus.ros.bridge.legs import LegSettings
 
 from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
 

@@ -10,8 +10,9 @@ from importlib.util import find_spec
 import click
 
 from tfbus import NodeSettings, TfbusError, node_options
-from tfbus.command import install_command
-from tfbus.ros.bridge import HIGHEST_DOMAIN, LegSettings, domain_of
+from tfbus.base.installation import install_command
+from tfbus.ros.bridge.legs import LegSettings
+from tfbus.ros.rmw import HIGHEST_DOMAIN, domain_of
 
 from .ros_options import Crossing, crossing_options, ros_node_name, run_bridge
 

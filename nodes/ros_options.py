@@ -11,16 +11,13 @@ from typing import Any, TypeVar, cast
 import click
 
 from tfbus import Node, NodeSettings, Number
-from tfbus.command import frame_mistake
-from tfbus.ros.bridge import (
-    BRIDGE_PREFIX,
-    Bridge,
-    BridgeOptions,
-    LegSettings,
-    TopicTable,
-    open_leg,
-    with_odometry_frames,
-)
+from tfbus.command.types import frame_mistake
+from tfbus.ros.bridge.bridge import Bridge
+from tfbus.ros.bridge.common import BridgeOptions
+from tfbus.ros.bridge.from_ros import with_odometry_frames
+from tfbus.ros.bridge.legs import LegSettings, open_leg
+from tfbus.ros.bridge.topics import TopicTable
+from tfbus.ros.rmw import BRIDGE_PREFIX
 
 F = TypeVar("F", bound=Callable[..., Any])
 

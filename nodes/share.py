@@ -20,7 +20,7 @@ from tfbus import (
     TransformListener,
     node_options,
 )
-from tfbus.command import own_name
+from tfbus.command.types import own_name
 
 from .shared_view import SHARED, Recipient, View, look
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 
 from tfbus import Node, NodeSettings, SystemClock, node_options
-from tfbus.command import Declared, NodeCommand
+from tfbus.command.parameters import Declared, NodeCommand
 from tfbus.messages import Color, Empty, Field, Kill, Spawn
 
 from .turtle import field

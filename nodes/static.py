@@ -17,7 +17,7 @@ from tfbus import (
     TransformStamped,
     node_options,
 )
-from tfbus.command import own_name
+from tfbus.command.types import own_name
 
 from .static_edge import EdgeMistake, in_new_form, make_edge
 

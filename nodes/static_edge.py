@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from itertools import takewhile
 
 from tfbus import InvalidArgumentException, TfbusError, Transform, TransformStamped
-from tfbus.command import frame_mistake
+from tfbus.command.types import frame_mistake
 
 XYZ = ("x", "y", "z")
 RPY = ("roll", "pitch", "yaw")

@@ -14,7 +14,7 @@ Every error names its line and key.
 from pathlib import Path
 
 from tfbus import Buffer, InvalidArgumentException, TransformStamped
-from tfbus.command import Value, read_yaml_file
+from tfbus.base.yaml_file import Value, read_yaml_file
 
 from .static_edge import FRAMES, NUMBERS, EdgeMistake, make_edge
 

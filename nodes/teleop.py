@@ -9,13 +9,9 @@ import click
 
 from tfbus import Node, NodeSettings, node_options
 from tfbus.base.wording import listed
-from tfbus.command import (
-    Declared,
-    KeyReader,
-    NodeCommand,
-    RawTerminal,
-    namespaces_serving,
-)
+from tfbus.command.names import namespaces_serving
+from tfbus.command.parameters import Declared, NodeCommand
+from tfbus.command.terminal import KeyReader, RawTerminal
 from tfbus.messages import RotateAbsolute, Twist, Vector3
 
 BANNER = """\

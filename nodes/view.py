@@ -27,17 +27,12 @@ from tfbus import (
     fleet_options,
     node_options,
 )
-from tfbus.command import (
-    BagChoice,
-    OutputFile,
-    ServerOptions,
-    bag_options,
-    install_command,
-    own_name,
-    roster_option,
-    server_options,
-)
-from tfbus.frames import Listening as Bus
+from tfbus.base.installation import install_command
+from tfbus.command.options import roster_option
+from tfbus.command.recordings import BagChoice, bag_options
+from tfbus.command.server import ServerOptions, server_options
+from tfbus.command.types import OutputFile, own_name
+from tfbus.frames.command_listener import Listening as Bus
 from tfbus.view import ViewSettings, holds_settings, load_settings, topic_named
 
 if TYPE_CHECKING:

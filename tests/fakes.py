@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from tests.buses import DEADLINE_S
+from tfbus.base.clock import SystemClock
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 
 
@@ -18,6 +19,23 @@ class Clock:
 
     def __call__(self) -> int:
         return self.now_ns
+
+    def monotonic(self) -> float:
+        """The time in seconds, where it stands in for the scheduler of a module."""
+        return self.now_ns / 1e9
+
+
+class StandingClock(SystemClock):
+    """A clock that stands still until the test sets `at_ns`, by both of its readings."""
+
+    def __init__(self, at_ns: int = 0) -> None:
+        self.at_ns = at_ns
+
+    def now_ns(self) -> int:
+        return self.at_ns
+
+    def elapsed_ns(self) -> int:
+        return self.at_ns
 
 
 class Lines(logging.Handler):

@@ -1,4 +1,4 @@
-"""The house: imports point downwards, one package knows Zenoh, nodes use public names."""
+"""The house: imports point downwards, one package knows Zenoh, nodes stand on few rooms."""
 
 import ast
 import importlib
@@ -286,27 +286,19 @@ def test_the_library_knows_no_node() -> None:
     assert not {pair for pair in used if pair[1].startswith("tfbus.nodes")}
 
 
-# What nodes may use: what any other package could.
-DOORS = (
-    "tfbus",
-    "tfbus.messages",
-    "tfbus.base.wording",
-    "tfbus.ros.bridge",
-    "tfbus.command",
-    "tfbus.foxglove",
-    "tfbus.frames",
-    "tfbus.view",
-)
+# Besides public names nodes use these rooms, as the commands of `cli` do, and import each name
+# from the file that has it.
+ROOMS_OF_NODES = {"base", "command", "foxglove", "frames", "messages", "ros", "ros.bridge", "view"}
 
 
-def test_nodes_use_public_names_only() -> None:
-    """A node imports names that a public package lists, and its neighbours relatively."""
+def test_nodes_use_public_names_and_the_rooms_of_command_lines() -> None:
+    """A node imports nothing else of tfbus, and its neighbours relatively."""
+    public = set(importlib.import_module("tfbus").__all__)
     for path, name in sorted((node, name) for node in sources("nodes") for name in imports(node)):
-        module, _, leaf = name.rpartition(".")
-        if name.partition(".")[0] == "tfbus" and module:
-            assert module in DOORS, (path, name)
-            package = importlib.import_module(module)
-            assert leaf in getattr(package, "__all__", vars(package)), (path, name)
+        if is_of_tfbus(name):
+            within = name.removeprefix("tfbus.")
+            assert within in public or room_of(within) in ROOMS_OF_NODES, (path, name)
+            assert not name.rpartition(".")[2].startswith("_"), (path, name)
 
 
 # All import statements, and lines of texts that look like one.

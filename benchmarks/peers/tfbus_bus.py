@@ -29,8 +29,9 @@ from tfbus.bag.raw_queue import TransformSource
 from tfbus.geometry.packed import STAMP_SIZE
 from tfbus.messages import Vector3
 from tfbus.recording.writer import RecordingWriter
+from tfbus.wire.descriptions import COMPACT
 from tfbus.wire.keys import transforms_key
-from tfbus.wire.numbered import COMPACT, IDENTITY
+from tfbus.wire.numbered import IDENTITY
 from tfbus.wire.transforms import NumberedEncoder, TransformReader
 
 __all__ = [

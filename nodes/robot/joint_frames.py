@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from tfbus import Robot, TransformStamped, UrdfError
 from tfbus.base.wording import printable
-from tfbus.command import frame_mistake
+from tfbus.command.types import frame_mistake
 from tfbus.messages import JointState
 
 # A stamp that is older than the last of its joints by more than this is of a time that began again.

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Protocol
 
 from tfbus import Recording, Robot, TfbusError
+from tfbus.base.installation import install_command
 from tfbus.base.wording import counted, did_you_mean, listed, printable
-from tfbus.command import install_command
 from tfbus.messages import JointState
 
 from .ranges import Range

@@ -5,7 +5,7 @@ import sys
 
 from tfbus import Node
 from tfbus.base.wording import columns, counted, cut, printable
-from tfbus.command import KeyReader, RawTerminal
+from tfbus.command.terminal import KeyReader, RawTerminal
 
 from .board import Board, Posture
 from .ranges import Range

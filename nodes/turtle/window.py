@@ -7,7 +7,8 @@ from pathlib import Path
 from types import ModuleType
 
 from tfbus import TfbusError
-from tfbus.command import install_command, replacing
+from tfbus.base.installation import install_command
+from tfbus.base.whole_file import replacing
 
 from . import field
 from .world import Snapshot

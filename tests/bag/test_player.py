@@ -8,7 +8,7 @@ import pytest
 
 from tests.builders import S, at
 from tests.buses import DEADLINE_S, eventually
-from tests.fakes import Clock, InAThread, Tape, TapeState
+from tests.fakes import InAThread, StandingClock, Tape, TapeState
 from tfbus import InvalidArgumentException
 from tfbus.bag.player import Player, ReadAhead
 from tfbus.base.errors import DecodeError
@@ -89,7 +89,7 @@ def quick() -> Iterator[list[Playing]]:
 class Sleepless(threading.Condition):
     """Passes the time of a clock at once, instead of waiting for it."""
 
-    def __init__(self, clock: Clock) -> None:
+    def __init__(self, clock: StandingClock) -> None:
         super().__init__()
         self._clock = clock
 
@@ -97,20 +97,20 @@ class Sleepless(threading.Condition):
         """Wait in truth only for what is to be notified."""
         if timeout is None:
             return super().wait()
-        self._clock.now_ns += round(timeout * 1e9)
+        self._clock.at_ns += round(timeout * 1e9)
         return False
 
 
 def times_of(tape: Tape, **given: Any) -> list[int]:
     """When each item came, by a clock that starts at 0."""
-    clock = Clock()
+    clock = StandingClock()
     came_ns: list[int] = []
 
     class Timed(Heard):
         def take(self, item: Item, pace: Pace) -> None:
-            came_ns.append(clock.now_ns)
+            came_ns.append(clock.at_ns)
 
-    player = Player(tape, real_ns=clock, wall_ns=clock, **given)
+    player = Player(tape, clock=clock, **given)
     player.changed = Sleepless(clock)
     player.run(Timed())
     return came_ns
@@ -350,14 +350,14 @@ def test_a_mistake_in_the_file_ends_it() -> None:
 
 def test_a_slow_stage_delays_what_follows() -> None:
     """Where a machine is too slow, what follows comes later: not all at once."""
-    clock = Clock(0)
+    clock = StandingClock(0)
 
     class Slow(Heard):
         def take(self, item: Item, pace: Pace) -> None:
             super().take(item, pace)
-            clock.now_ns += S
+            clock.at_ns += S
 
-    player = Player(numbered(5, MS), real_ns=clock, wall_ns=clock)
+    player = Player(numbered(5, MS), clock=clock)
     stage = Slow()
     player.run(stage)
     assert stage.taken == [0, 1, 2, 3, 4]

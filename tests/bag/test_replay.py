@@ -15,8 +15,7 @@ import pytest
 
 from tests.builders import S, at, x_of
 from tests.buses import eventually
-from tests.fakes import Clock as FakeClock
-from tests.fakes import InAThread, Lines
+from tests.fakes import InAThread, Lines, StandingClock
 from tests.simulated_bus import Bus
 from tests.streams.received import registry_of
 from tfbus import (
@@ -531,16 +530,16 @@ def test_a_stream_that_left_before_a_seek_is_gone_after_it(played: Any, buffer: 
 
 def test_a_pause_takes_no_time() -> None:
     """What was sent before it is kept as long as if there were none."""
-    clock = FakeClock()
+    clock = StandingClock()
     played = PausableClock(clock)
-    clock.now_ns = 5
+    clock.at_ns = 5
     assert played() == 5
     for is_paused in (True, True):
         played.pause(is_paused)
-        clock.now_ns += 100
+        clock.at_ns += 100
         assert played() == 5
     played.pause(False)
-    clock.now_ns += 1
+    clock.at_ns += 1
     assert played() == 6
 
 

@@ -19,24 +19,7 @@ class Asked:
         self.unanswered: list[int] = []
         self.overs = 0
         self.is_settled = self.has_failed = False
-        self.asking = AskUntil(
-            cast(Executor, self),
-            "a test",
-            pauses,
-            ask=self.ask,
-            is_settled=lambda: self.is_settled,
-            on_unanswered=self.unanswered.append,
-            on_over=self.count_over,
-        )
-
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
-        if self.has_failed:
-            raise BusError("the session is closed")
-        assert turn == len(self.ends)
-        self.ends.append(on_end)
-
-    def count_over(self) -> None:
-        self.overs += 1
+        self.asking = AskedUntil(self, pauses)
 
     def submit(self, what: str, callback: Callable[[], None]) -> None:
         callback()
@@ -50,6 +33,29 @@ class Asked:
         for _, callback in waiting:
             callback()
         return [delay_s for delay_s, _ in waiting]
+
+
+class AskedUntil(AskUntil):
+    """Notes its calls in an `Asked`."""
+
+    def __init__(self, asked: Asked, pauses: Pauses) -> None:
+        super().__init__(cast(Executor, asked), "a test", pauses)
+        self.asked = asked
+
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        if self.asked.has_failed:
+            raise BusError("the session is closed")
+        assert turn == len(self.asked.ends)
+        self.asked.ends.append(on_end)
+
+    def is_settled(self) -> bool:
+        return self.asked.is_settled
+
+    def on_unanswered(self, turn: int) -> None:
+        self.asked.unanswered.append(turn)
+
+    def on_over(self) -> None:
+        self.asked.overs += 1
 
 
 def test_pauses_repeat_the_last_or_end() -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import Transform, TransformStamped
-from tfbus.command import YamlFileError
+from tfbus.base.yaml_file import YamlFileError
 from tfbus.nodes.static_edge import EdgeMistake, make_edge
 from tfbus.nodes.static_file import read_edges
 

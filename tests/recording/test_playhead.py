@@ -3,7 +3,7 @@
 import pytest
 
 from tests.builders import S
-from tests.fakes import Clock
+from tests.fakes import StandingClock
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.playhead import AtEnd, Playhead, Progress
 
@@ -11,25 +11,27 @@ START, END = 100 * S, 110 * S
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock() -> StandingClock:
     """Goes on by `pass_time` only."""
-    return Clock()
+    return StandingClock()
 
 
 @pytest.fixture
-def playhead(clock: Clock) -> Playhead:
+def playhead(clock: StandingClock) -> Playhead:
     """Paused at the beginning of ten seconds."""
     return made(clock)
 
 
-def made(clock: Clock, end_ns: int = END, at_end: AtEnd = "wait", paused: bool = True) -> Playhead:
+def made(
+    clock: StandingClock, end_ns: int = END, at_end: AtEnd = "wait", paused: bool = True
+) -> Playhead:
     """A playhead from START on."""
-    return Playhead(START, end_ns, paused=paused, at_end=at_end, real_ns=clock)
+    return Playhead(START, end_ns, paused=paused, at_end=at_end, clock=clock)
 
 
-def pass_time(clock: Clock, playhead: Playhead, seconds: float) -> Progress:
+def pass_time(clock: StandingClock, playhead: Playhead, seconds: float) -> Progress:
     """The progress so much later."""
-    clock.now_ns += round(seconds * S)
+    clock.at_ns += round(seconds * S)
     return playhead.advance()
 
 
@@ -38,7 +40,7 @@ def place(progress: Progress) -> tuple[int, bool]:
     return progress.log_ns, not progress.is_paused
 
 
-def test_time_passes_while_it_plays_by_its_rate(clock: Clock, playhead: Playhead) -> None:
+def test_time_passes_while_it_plays_by_its_rate(clock: StandingClock, playhead: Playhead) -> None:
     """Paused it stands."""
     assert pass_time(clock, playhead, 1.0).log_ns == START
     playhead.set_rate(2.0)
@@ -49,7 +51,7 @@ def test_time_passes_while_it_plays_by_its_rate(clock: Clock, playhead: Playhead
 
 
 def test_it_stops_at_the_end_and_plays_again_from_the_beginning(
-    clock: Clock, playhead: Playhead
+    clock: StandingClock, playhead: Playhead
 ) -> None:
     """Also if it was sought there."""
     playhead.seek(END - S, paused=False)
@@ -61,7 +63,7 @@ def test_it_stops_at_the_end_and_plays_again_from_the_beginning(
     assert place(playhead.progress) == (START, True)
 
 
-def test_a_loop_begins_again_at_the_end(clock: Clock, playhead: Playhead) -> None:
+def test_a_loop_begins_again_at_the_end(clock: StandingClock, playhead: Playhead) -> None:
     """At the moment when it came there, and is counted; taken back, it stands at the end."""
     playhead.loop(True)
     playhead.seek(END - S, paused=False)
@@ -72,13 +74,13 @@ def test_a_loop_begins_again_at_the_end(clock: Clock, playhead: Playhead) -> Non
     assert (place(progress), progress.loops) == ((END, False), 0)
 
 
-def test_a_loop_of_one_moment_ends(clock: Clock) -> None:
+def test_a_loop_of_one_moment_ends(clock: StandingClock) -> None:
     """It would begin again for ever."""
     playhead = made(clock, START, "loop", paused=False)
     assert place(pass_time(clock, playhead, 1.0)) == (START, False)
 
 
-def test_it_stays_within_the_recording(clock: Clock, playhead: Playhead) -> None:
+def test_it_stays_within_the_recording(clock: StandingClock, playhead: Playhead) -> None:
     """A time beyond it is that of its end."""
     playhead.seek(0)
     assert playhead.progress.log_ns == START
@@ -97,7 +99,7 @@ def test_a_rate_without_a_meaning_is_refused(playhead: Playhead, rate: float) ->
     assert playhead.progress.rate == 1.0
 
 
-def test_what_nobody_can_foresee_is_counted(clock: Clock, playhead: Playhead) -> None:
+def test_what_nobody_can_foresee_is_counted(clock: StandingClock, playhead: Playhead) -> None:
     """Not the time that passes."""
     playhead.resume()
     before = playhead.jumps
@@ -109,7 +111,7 @@ def test_what_nobody_can_foresee_is_counted(clock: Clock, playhead: Playhead) ->
     assert playhead.jumps == before + 3
 
 
-def test_steps_pause_and_are_taken_once(clock: Clock, playhead: Playhead) -> None:
+def test_steps_pause_and_are_taken_once(clock: StandingClock, playhead: Playhead) -> None:
     """Whatever came between two pictures."""
     playhead.resume()
     playhead.step(1)

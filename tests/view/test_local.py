@@ -19,7 +19,7 @@ from tests.live_bus import free_port
 from tests.view.pages import View as Page
 from tests.view.pages import eventually
 from tfbus import Buffer, InvalidArgumentException, Transform
-from tfbus.command import install_command
+from tfbus.base.installation import install_command
 from tfbus.view import FIXED_NODE, View, show
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)

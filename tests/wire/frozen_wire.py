@@ -22,12 +22,13 @@ from tfbus.base.installation import installed_version
 from tfbus.wire import keys
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import (
+    COMPACT,
+    POSES,
     BufferDescription,
     NodeDescription,
     ParameterDescription,
     encode_stream,
 )
-from tfbus.wire.numbered import COMPACT, POSES
 from tfbus.wire.transforms import NumberedEncoder
 
 FOLDER = Path(__file__).parent / "frozen"

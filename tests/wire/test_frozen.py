@@ -14,6 +14,7 @@ from tfbus.wire.descriptions import (
     StreamDescription,
     read_description,
 )
+from tfbus.wire.numbered import numbers_of
 from tfbus.wire.transforms import decode_transforms, encode_transforms
 
 RELEASES = sorted(FOLDER.glob("*.json"))
@@ -52,7 +53,7 @@ def test_messages_with_numbers_of_a_release_are_read(release: Path) -> None:
     frozen = read(release).get("numbered", {})
     for poses in frozen.keys() - {"description"}:
         described, _ = read_description(bytes.fromhex(frozen["description"]))
-        message = decode_transforms(bytes.fromhex(frozen[poses]), described.numbers)
+        message = decode_transforms(bytes.fromhex(frozen[poses]), numbers_of(described))
         rows = rows_of(message.batch)
         assert [row[:2] for row in rows] == [("base", "mast"), ("mast", "arm"), ("map", "base")]
         assert rows[0][3] == (0, 0, 1.5, 0, 0, 0, 1)

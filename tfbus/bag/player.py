@@ -5,10 +5,11 @@ viewer, a test. Any other thread may pause it, seek, and so on.
 """
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Protocol
 
 from tfbus.base import scheduler
+from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.items import ALL, EventItem, Item, Selection, TransformItem
 from tfbus.recording.playhead import AtEnd, Pace, Playhead, Progress, stepped_ns
@@ -58,8 +59,7 @@ class Player(Playhead):
         at_end: AtEnd = "stop",
         lasting: Sequence[str] = (),
         look_back_s: float = 0.0,
-        real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
-        wall_ns: Callable[[], int] = lambda: scheduler.time_ns(),
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         start_ns = source.start_ns if start_ns is None else max(start_ns, source.start_ns)
         end_ns = source.end_ns if end_ns is None else min(end_ns, source.end_ns)
@@ -68,15 +68,7 @@ class Player(Playhead):
                 "there is nothing to play between start and end: the recording lasts "
                 f"{(source.end_ns - source.start_ns) / 1e9:.3f} s"
             )
-        super().__init__(
-            start_ns,
-            end_ns,
-            rate=rate,
-            paused=paused,
-            at_end=at_end,
-            real_ns=real_ns,
-            wall_ns=wall_ns,
-        )
+        super().__init__(start_ns, end_ns, rate=rate, paused=paused, at_end=at_end, clock=clock)
         self._source = source
         self._selection = selection
         self._lasting = lasting

@@ -15,9 +15,9 @@ from tfbus.ros.schema import MessageCodec
 from tfbus.streams.info import StreamState
 from tfbus.streams.queries import AskPages, PagesInTurn
 from tfbus.wire.codec import decode_map, encode_map
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import FLOAT64, StreamDescription
 from tfbus.wire.keys import transforms_key_beside
-from tfbus.wire.numbered import FLOAT64, NO_NUMBERS
+from tfbus.wire.numbered import NO_NUMBERS, numbers_of
 from tfbus.wire.pages import Page
 from tfbus.wire.transforms import TransformMessage, TransformReader
 
@@ -218,7 +218,7 @@ class TransformSource:
             return before[2]
         if description is not self._numbered_by:
             self._numbered_by = description
-            self._numbers = NO_NUMBERS if description is None else description.numbers
+            self._numbers = NO_NUMBERS if description is None else numbers_of(description)
         return self._reader.read(payload, self._numbers)
 
     def item(self, log_ns: int, payload: bytes) -> TransformItem:

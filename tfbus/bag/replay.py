@@ -42,9 +42,8 @@ from tfbus.recording.playhead import Pace, Playhead, Progress, Stamps
 from tfbus.recording.reader import RecordingReader
 from tfbus.ros.definitions import Definition
 from tfbus.wire.codec import encode_map, from_map
-from tfbus.wire.descriptions import STREAM_VERSION, StreamDescription
+from tfbus.wire.descriptions import FLOAT64, STREAM_VERSION, StreamDescription
 from tfbus.wire.keys import ALL_STREAMS_EVERYWHERE, namespace_of_node, stream_of
-from tfbus.wire.numbered import FLOAT64
 
 # The host in the descriptions of replayed streams.
 RECORDED = "recorded"

@@ -9,10 +9,11 @@ from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from tfbus.base import ros_names, scheduler
+from tfbus.base import scheduler
 from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Ran, here
 from tfbus.base.clock import Bell, SimulatedClock, Timer
 from tfbus.base.errors import TfbusError
+from tfbus.base.lazy_exports import imported
 from tfbus.base.wording import counted
 
 if TYPE_CHECKING:
@@ -232,7 +233,7 @@ class Executor:
         self._failures[what] += 1
         count = self._failures[what]
         if str(count).strip("0") == "1":  # a power of ten
-            ros_names.add_note(sys.exception())
+            imported("tfbus.base.ros_names").add_note(sys.exception())
             self._log.exception("A callback failed, %s so far (%s)", counted(count, "time"), what)
 
     # Waiting tasks, with the lock held

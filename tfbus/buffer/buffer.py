@@ -37,13 +37,13 @@ from tfbus.geometry.transform import (
     check_text,
     make_stamped,
 )
-from tfbus.geometry.transform_array import TransformArray
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import ArrayLike, NDArray
 
     # These are imported where they are used, which few processes do: a process is to start soon.
+    from tfbus.geometry.transform_array import TransformArray
     from tfbus.geometry.twist import TwistStamped
 else:
     from tfbus.base import lazy_numpy as np
@@ -660,13 +660,16 @@ class Buffer:
         LookupException for an unknown frame, ConnectivityException if no path joins the two at
         any of the stamps.
         """
-        return lookup_many(
+        from tfbus.geometry.transform_array import make_array
+
+        xyz, quat_xyzw, known = lookup_many(
             self._store,
             target_frame,
             source_frame,
             _stamps(stamps_ns),
             self.sampling if sampling is None else check_sampling(sampling),
         )
+        return make_array(xyz, quat_xyzw), known
 
     def transform_points(
         self,

@@ -22,7 +22,7 @@ from tfbus.base.errors import (
 from tfbus.base.stamps import Mistake, other_clock, other_unit, unit_hint
 from tfbus.base.structs import Struct
 from tfbus.base.wording import duration, stamp_text
-from tfbus.buffer.tree import Tree
+from tfbus.buffer.tree import Question, Tree
 from tfbus.geometry.kernel import ALL_STATIC, NO_DATA, History
 from tfbus.geometry.sampling import Sampling
 
@@ -154,12 +154,28 @@ def unknown_frame(frame: str, known: Collection[str]) -> LookupException:
 
 
 def why_not(
+    tree: Tree, names: Iterable[str], question: Question, sampling: Sampling
+) -> TransformException:
+    """The error of a lookup that did not answer this question; `names` are all frames that it
+    names, of which none may be unknown. It names edges of the path only.
+    """
+    # All names first, as tf2 does: a time is of no use to a frame that is unknown.
+    for frame in names:
+        if frame not in tree.frames:
+            return unknown_frame(frame, list(tree.frames))
+    target_frame, source_frame, stamp_ns = question
+    error = _between(tree, target_frame, source_frame, stamp_ns, sampling)
+    return error or ExtrapolationException(
+        f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be now",
+        advice="query it again",
+        requested_ns=stamp_ns,
+    )
+
+
+def _between(
     tree: Tree, target_frame: str, source_frame: str, stamp_ns: int | None, sampling: Sampling
 ) -> TransformException | None:
-    """The error for a lookup between two known frames; None if it would succeed now.
-
-    It names edges of the path only.
-    """
+    """The error for two known frames; None if they can be joined now."""
     path = tree.path(target_frame, source_frame)
     if path is None:
         return _not_connected(tree, target_frame, source_frame)

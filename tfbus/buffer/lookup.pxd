@@ -18,9 +18,6 @@ cdef class Lookup:
     cdef _answers_or_error(self)
     @cython.locals(question=tuple)
     cdef _ask(self, now_ns)
-    @cython.locals(store=Store)
-    cdef _explained(self, reason)
-    @cython.locals(store=Store)
     cdef _why_not(self, failed)
 
 cpdef lookup_many(Store store, target_frame, source_frame, stamps, sampling)

@@ -13,11 +13,8 @@ from typing import Any
 from tfbus.base import lazy_numpy as np
 from tfbus.base.clock import Bell, Limit, LoopBell, limit_by
 from tfbus.base.errors import (
-    ConnectivityException,
-    ExtrapolationException,
     GapException,
     InvalidArgumentException,
-    LookupException,
     PastExtrapolationException,
     SingleSampleException,
     StaleException,
@@ -30,16 +27,15 @@ from tfbus.buffer.explain import (
     advice_after,
     check_seconds,
     may_come,
-    unknown_frame,
     why_not,
     without_waiting,
 )
-from tfbus.buffer.store import Question, Store, Waiter
+from tfbus.buffer.store import Store, Waiter
+from tfbus.buffer.tree import Question
 from tfbus.geometry.batch_lookup import by_time, fill
 from tfbus.geometry.kernel import Path
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import TransformStamped, check_frame_id, check_stamp
-from tfbus.geometry.transform_array import TransformArray, make_array
 
 try:
     import cython
@@ -141,7 +137,7 @@ class Lookup:
         with self._store.lock:
             failed = self._ask(now_ns)
             reason = self._why_not(self._questions[-1] if isinstance(failed, list) else failed)
-        return self._explained(reason)
+        return self._store.explained(reason, self._questions)
 
     def _answers_or_error(self) -> list[TransformStamped] | TransformException:
         """The answers of this moment, or why there are none at the same moment."""
@@ -152,7 +148,7 @@ class Lookup:
             reason = None if isinstance(answers, list) else self._why_not(answers)
         if not isinstance(answers, list):
             assert reason is not None
-            return self._explained(reason)
+            return self._store.explained(reason, self._questions)
         if self._store.tree.unreported:
             self._store.report_questions()
         return answers
@@ -164,18 +160,6 @@ class Lookup:
         for _, _, stamp_ns in self._questions:
             if stamp_ns is not None:
                 check_stamp(stamp_ns)
-
-    def _explained(self, reason: TransformException) -> TransformException:
-        """The reason, or the better one of a watcher; without the lock, as watchers may do
-        anything.
-        """
-        store = self._store
-        if store.tree.unreported:
-            store.report_questions()
-        store.expired_lookups.record(reason)
-        if isinstance(reason, LookupException | ConnectivityException):
-            reason = store.explained(reason, self._questions)
-        return without_waiting(reason) if store.is_ended else reason
 
     def _now_ns(self) -> int:
         """The time that ages are from; not with the lock held, as the clock may be any function of
@@ -204,19 +188,11 @@ class Lookup:
     def _why_not(self, failed: Question | StaleException) -> TransformException:
         """The error of a question without an answer."""
         if isinstance(failed, StaleException):
-            return failed
-        # All names first, as tf2 does: a time is of no use to a frame that is unknown.
-        for _, frame in self._names():
-            if frame not in self._store.tree.frames:
-                return unknown_frame(frame, list(self._store.tree.frames))
-        target_frame, source_frame, stamp_ns = failed
-        error = why_not(self._store.tree, target_frame, source_frame, stamp_ns, self._sampling)
-        return error or ExtrapolationException(
-            f"{source_frame!r} could not be seen from {target_frame!r} a moment ago, but can be "
-            "now",
-            advice="query it again",
-            requested_ns=stamp_ns,
-        )
+            error: TransformException = failed
+        else:
+            names = [frame for _, frame in self._names()]
+            error = why_not(self._store.tree, names, failed, self._sampling)
+        return without_waiting(error) if self._store.is_ended else error
 
     def _answers_or_watch(
         self, waiter: Waiter, limit: Limit, timeout_s: float
@@ -277,8 +253,9 @@ def lookup_many(
     source_frame: str,
     stamps: NDArray[np.int64],
     sampling: Sampling,
-) -> tuple[TransformArray, NDArray[np.bool_]]:
-    """The transforms at N stamps, and which of them (N,) are known; the others are NaN.
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """The transforms at N stamps: `xyz` (N, 3) and `quat_xyzw` (N, 4); and which of them (N,) are
+    known: the others are NaN.
 
     Raises LookupException or ConnectivityException if none of them can be known.
     """
@@ -298,7 +275,7 @@ def lookup_many(
             known.view(np.uint8).data,
             sampling,
         )
-    return make_array(xyz, quat_xyzw), known
+    return xyz, quat_xyzw, known
 
 
 def _fill_chunks(

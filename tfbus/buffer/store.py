@@ -14,20 +14,22 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 
-from tfbus.base.errors import LookupException, PastExtrapolationException, TransformException
+from tfbus.base.errors import (
+    ConnectivityException,
+    LookupException,
+    PastExtrapolationException,
+    TransformException,
+)
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
 from tfbus.buffer.explain import unknown_frame
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.insert_many import BatchInserter
 from tfbus.buffer.lock import Lock
-from tfbus.buffer.tree import Tree
+from tfbus.buffer.tree import Question, Tree
 from tfbus.geometry.kernel import LONGEST_NS, NO_DATA, History, Path
 from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.geometry.transform import TransformStamped, child_name
-
-# Target frame, source frame, stamp in nanoseconds or None for the latest.
-Question = tuple[str, str, int | None]
 
 _FIRST_PURGE = 64
 
@@ -312,8 +314,13 @@ class Store:
     def explained(
         self, error: TransformException, questions: Sequence[Question]
     ) -> TransformException:
-        """The error of a frame that is unknown or not connected, or the better one of a watcher."""
-        if self._watchers:
+        """The error of a lookup, or the better one of a watcher for a frame that is unknown or not
+        connected; without the lock, as watchers may do anything.
+        """
+        if self.tree.unreported:
+            self.report_questions()
+        self.expired_lookups.record(error)
+        if self._watchers and isinstance(error, LookupException | ConnectivityException):
             for target_frame, source_frame, _ in questions:
                 if self.path(target_frame, source_frame) is None:
                     for _, explain in self._watchers:

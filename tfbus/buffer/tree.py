@@ -32,6 +32,9 @@ try:
 except ImportError:
     from tfbus.base import cython_stub as cython
 
+# Target frame, source frame, stamp in nanoseconds or None for the latest.
+Question = tuple[str, str, int | None]
+
 # The most that all kept paths may cost together, in units of about 32 bytes: 30,000 paths of three
 # edges. Another path is found again in a microsecond. A path costs `_PATH_COST`, and 1 an edge.
 _MOST_KEPT = 2**20

@@ -85,17 +85,15 @@ class Callbacks:
         self._is_muted = True
 
     def of_samples(
-        self,
-        key: str,
-        callback: Callable[[str, bytes], None],
-        on_too_large: Callable[[], object] = lambda: None,
-    ) -> Any:
-        """A handler of Zenoh's that calls `callback(key, payload)` for each sample, and
-        `on_too_large()` for one that is dropped unread.
+        self, key: str, callback: Callable[[str, bytes], None]
+    ) -> tuple[Any, "DroppedSamples"]:
+        """A handler of Zenoh's that calls `callback(key, payload)` for each sample, and counts the
+        samples that it drops unread.
         """
         report = self._reporter(f"message of {key}")
         most = self._limits.limit_of(kind_of(key))
-        drop = self._dropper(key, on_too_large)
+        dropped = DroppedSamples(self, key)
+        drop = dropped.drop
         is_stray = self.strays(key)
 
         # The work of `direct` and `guarded`, in one call instead of three: if messages come one
@@ -116,25 +114,11 @@ class Callbacks:
             except KeyboardInterrupt:
                 interrupt_again()
 
-        return zenoh.handlers.Callback(on_sample, None, indirect=False)
+        return zenoh.handlers.Callback(on_sample, None, indirect=False), dropped
 
     def strays(self, expression: str) -> "StrayKeys | None":
         """The key expression that keys have to be within, on a closed bus; None on an open one."""
         return StrayKeys(expression, self._once) if self._is_closed else None
-
-    def _dropper(
-        self, key: str, on_too_large: Callable[[], object] = lambda: None
-    ) -> Callable[[zenoh.Sample, int], None]:
-        """Counts and names the samples of one subscription that are too large."""
-        kind = kind_of(key)
-        first = object()
-
-        def drop(sample: zenoh.Sample, size: int) -> None:
-            self.too_large[key] += 1
-            on_too_large()
-            self.drop(first, str(sample.key_expr), size, self._limits.mistake_in(kind, size))
-
-        return drop
 
     def drop(self, first: object, key: str, size: int, why: str) -> None:
         """Log that a message was dropped unread, once for each object `first`."""
@@ -158,7 +142,7 @@ class Callbacks:
         the sample is from, "" if it does not say. Retained samples do.
         """
         most = self._limits.limit_of(kind_of(key))
-        drop = self._dropper(key)
+        drop = DroppedSamples(self, key).drop
         is_stray = self.strays(key)
 
         def on_sample(sample: zenoh.Sample) -> None:
@@ -196,6 +180,23 @@ class Callbacks:
                 self._once.exception(kind, "Could not handle the %s", what)
 
         return report
+
+
+class DroppedSamples:
+    """The samples of one subscription that were too large, and so dropped unread."""
+
+    def __init__(self, callbacks: Callbacks, key: str) -> None:
+        self.count = 0
+        self._callbacks = callbacks
+        self._key = key
+
+    def drop(self, sample: zenoh.Sample, size: int) -> None:
+        """Count a sample, and log the first."""
+        callbacks, key = self._callbacks, self._key
+        self.count += 1
+        callbacks.too_large[key] += 1
+        why = callbacks._limits.mistake_in(kind_of(key), size)
+        callbacks.drop(self, str(sample.key_expr), size, why)
 
 
 def direct(callback: Callable[[Any], None], drop: Callable[[], None] | None = None) -> Any:

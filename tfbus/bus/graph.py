@@ -9,9 +9,8 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from tfbus.base.wording import natural_order, printable
-from tfbus.wire.descriptions import NodeDescription, StreamDescription
+from tfbus.wire.descriptions import FLOAT64, NodeDescription, StreamDescription
 from tfbus.wire.keys import relative, relative_name
-from tfbus.wire.numbered import FLOAT64
 
 # At most this many namespaces are named in a hint.
 _NAMED = 3

@@ -18,7 +18,7 @@ import zenoh
 from tfbus.base import scheduler
 from tfbus.base.errors import BusError
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.callbacks import Callbacks, DroppedSamples, direct
 from tfbus.bus.zenoh_library import (
     as_bus_error,
     bus_errors,
@@ -46,6 +46,19 @@ class Declaration:
         """End it; twice is fine. In a forked child it does nothing."""
         with suppress(zenoh.ZError):
             self._declared.undeclare()
+
+
+class BytesSubscriber(Declaration):
+    """A subscriber to messages."""
+
+    def __init__(self, declared: Any, dropped: DroppedSamples):
+        super().__init__(declared)
+        self._dropped = dropped
+
+    @property
+    def too_large(self) -> int:
+        """How many messages were too large, and so dropped unread."""
+        return self._dropped.count
 
 
 class LivelinessToken(Declaration):

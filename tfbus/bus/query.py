@@ -1,5 +1,6 @@
 """Queries: of other processes, their answers, and asking until an answer has come."""
 
+from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any, NamedTuple
@@ -151,33 +152,32 @@ class AskUntil:
     A question may be lost, come before the way to the publisher is open, or before it has anything
     to answer. So it is asked again after a pause, each time on the thread of an executor.
 
-    `ask(turn, on_end)` asks the question of a turn, the first being 0; `on_end` may be called on
-    any thread. `is_settled()` is called before each question and at the end of each, also of one
-    that counted as lost. `on_unanswered(turn)` is called once a question that settled nothing, and
-    `on_over()` once. All but the first question and `close()` run on the executor's thread, and
-    `what` names them in the log.
+    A subclass says what is asked. All but the first question and `close()` run on the executor's
+    thread, and `what` names them in the log.
     """
 
-    def __init__(
-        self,
-        executor: Executor,
-        what: str,
-        pauses: Pauses,
-        *,
-        ask: Callable[[int, Callable[[], None]], None],
-        is_settled: Callable[[], bool],
-        on_unanswered: Callable[[int], object] = lambda turn: None,
-        on_over: Callable[[], object] = lambda: None,
-    ) -> None:
+    def __init__(self, executor: Executor, what: str, pauses: Pauses) -> None:
         self._executor = executor
         self._what = what
         self._pauses = pauses
-        self._ask = ask
-        self._is_settled = is_settled
-        self._on_unanswered = on_unanswered
-        self._on_over = on_over
         self._lock = scheduler.Lock()
         self.is_over = False
+
+    @abstractmethod
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        """Ask the question of a turn, the first being 0; `on_end` may be called on any thread."""
+
+    @abstractmethod
+    def is_settled(self) -> bool:
+        """Whether to ask no further; called before each question and at the end of each, also of
+        one that counted as lost.
+        """
+
+    def on_unanswered(self, turn: int) -> None:
+        """A question has ended that settled nothing; called once for each."""
+
+    def on_over(self) -> None:
+        """All questions have ended; called once."""
 
     def start(self) -> None:
         """Ask the first question, on the calling thread."""
@@ -188,7 +188,7 @@ class AskUntil:
         with self._lock:
             was_over, self.is_over = self.is_over, True
         if not was_over:
-            self._on_over()
+            self.on_over()
 
     def _take_turn(self, turn: int) -> None:
         if self._has_ended():
@@ -202,7 +202,7 @@ class AskUntil:
                 self._pause(turn)
 
         with suppress(BusError):  # the session is closed
-            self._ask(turn, lambda: self._submit(end))
+            self.ask(turn, lambda: self._submit(end))
             if self._pauses.lost_after_s is not None:
                 self._executor.after(self._pauses.lost_after_s, end)
 
@@ -210,7 +210,7 @@ class AskUntil:
         self._executor.submit(self._what, job)
 
     def _pause(self, turn: int) -> None:
-        self._on_unanswered(turn)
+        self.on_unanswered(turn)
         pause_s = self._pauses.after(turn)
         if pause_s is None:
             self.close()
@@ -218,6 +218,6 @@ class AskUntil:
             self._executor.after(pause_s, lambda: self._take_turn(turn + 1))
 
     def _has_ended(self) -> bool:
-        if not self.is_over and self._is_settled():
+        if not self.is_over and self.is_settled():
             self.close()
         return self.is_over

@@ -11,7 +11,7 @@ import zenoh
 from zenoh import ext
 
 from tfbus.bus import zenoh_library
-from tfbus.bus.network_session import UNDECLARED, BytesPublisher, Declaration
+from tfbus.bus.network_session import UNDECLARED, BytesPublisher, BytesSubscriber, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.bus.zenoh_library import bus_errors
@@ -117,22 +117,20 @@ def declare_retained_subscriber(
     session: Session,
     key: str,
     callback: Callable[[str, bytes], None],
-    on_too_large: Callable[[], object] = lambda: None,
     *,
     others: bool = False,
     urgent: bool = False,
-) -> Declaration:
+) -> BytesSubscriber:
     """Call `callback(key, payload)` for the retained message of each publisher within `key`, also
-    of publishers that come later, then for each new message; `on_too_large()` for one that is
-    dropped unread. A message may come again when a link is back. With `others` messages of this
-    session itself do not come as they are sent. On a bad network the messages that are `urgent` may
-    come twice.
+    of publishers that come later, then for each new message. A message may come again when a link
+    is back. With `others` messages of this session itself do not come as they are sent. On a bad
+    network the messages that are `urgent` may come twice.
     """
     if urgent and session.network.is_bad:
         _ask_urgently(session, key, callback, others=others)
     at, key = session.placed(key)
-    handler = session.callbacks.of_samples(key, callback, on_too_large)
-    return _subscriber(at, key, handler, others=others)
+    handler, dropped = session.callbacks.of_samples(key, callback)
+    return BytesSubscriber(_subscriber(at, key, handler, others=others), dropped)
 
 
 def declare_signed_subscriber(
@@ -147,7 +145,7 @@ def declare_signed_subscriber(
     retained now.
     """
     handler = session.callbacks.of_signed_samples(key, callback)
-    return _subscriber(session, key, handler, only_new=only_new)
+    return Declaration(_subscriber(session, key, handler, only_new=only_new))
 
 
 def _ask_urgently(
@@ -166,18 +164,17 @@ def _ask_urgently(
 
 def _subscriber(
     session: Session, key: str, handler: Any, *, others: bool = False, only_new: bool = False
-) -> Declaration:
+) -> RetainedSubscriber:
     zenoh_library.check_not_forked()
     history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
     with bus_errors(f"subscribe to {key}", session.settings.name):
-        subscriber = RetainedSubscriber(
+        return RetainedSubscriber(
             session.zenoh,
             key,
             handler,
             allowed_origin=zenoh.Locality.REMOTE if others else None,
             history=None if only_new else history,
         )
-    return Declaration(subscriber)
 
 
 def ask_retained(session: Session, key: str, *, timeout_s: float = 1.0) -> Iterator[Answer]:

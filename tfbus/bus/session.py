@@ -19,6 +19,7 @@ from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import (
     BytesPublisher,
+    BytesSubscriber,
     Declaration,
     HeardWatch,
     NetworkSession,
@@ -287,19 +288,18 @@ class Session(NetworkSession):
         self,
         key: str,
         callback: Callable[[str, bytes], None],
-        on_too_large: Callable[[], object] = lambda: None,
         *,
         others: bool = False,
-    ) -> Declaration:
-        """Call `callback(key, payload)` for each message, and `on_too_large()` for one that is
-        dropped unread, since it is larger than the limit of its kind. With `others` messages of
-        this session itself do not come.
+    ) -> BytesSubscriber:
+        """Call `callback(key, payload)` for each message, but for one that is larger than the limit
+        of its kind. With `others` messages of this session itself do not come.
         """
         at, key = self.placed(key)
         with self._errors(f"subscribe to {key}"):
-            handler = self.callbacks.of_samples(key, callback, on_too_large)
+            handler, dropped = self.callbacks.of_samples(key, callback)
             origin = zenoh.Locality.REMOTE if others else None
-            return Declaration(at.zenoh.declare_subscriber(key, handler, allowed_origin=origin))
+            declared = at.zenoh.declare_subscriber(key, handler, allowed_origin=origin)
+            return BytesSubscriber(declared, dropped)
 
     # Ask and answer
 

@@ -12,9 +12,9 @@ from tfbus.base import scheduler
 from tfbus.base.errors import RightsError, SettingsError
 from tfbus.base.structs import Struct, field, replace
 from tfbus.base.wording import printable
+from tfbus.wire.descriptions import FLOAT64, POSES
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, resolve
 from tfbus.wire.limits import Limits
-from tfbus.wire.numbered import FLOAT64, POSES
 
 if TYPE_CHECKING:
     from tfbus.bus.identity_folder import SecureFolder

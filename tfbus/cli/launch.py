@@ -39,7 +39,7 @@ from tfbus.launch.find import (
 from tfbus.launch.reader import read_arguments, read_description, read_launch_file
 from tfbus.launch.run import run_programs
 from tfbus.launch.supervisor import Presence
-from tfbus.wire.numbered import POSES
+from tfbus.wire.descriptions import POSES
 
 # The options with which it starts nothing.
 ONLY_PRINT = ("list_files", "show_args", "dry_run")

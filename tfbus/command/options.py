@@ -20,7 +20,7 @@ from tfbus.bus.settings import MODES, NodeSettings, log_level_of
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
 from tfbus.command.types import NOT_NEGATIVE, LogLevel, Number, RosterNames
 from tfbus.geometry.sampling import TF2, Sampling
-from tfbus.wire.numbered import POSES
+from tfbus.wire.descriptions import POSES
 
 # In the context of a help that shows all.
 SHOWS_ALL = "tfbus.help_all"

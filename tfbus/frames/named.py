@@ -13,9 +13,9 @@ from tfbus.streams.info import StreamState
 from tfbus.streams.reception import NOT_NAMED, TIMES_HELD, TOO_MANY_WAIT
 from tfbus.streams.stream_facts import OF_EPOCH, OF_NAMES, PendingMessages
 from tfbus.streams.watch import StreamWatch
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import FLOAT64, StreamDescription
 from tfbus.wire.keys import stream_of
-from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
+from tfbus.wire.numbered import NO_NUMBERS, FrameNumbers, numbers_of
 from tfbus.wire.transforms import TransformMessage, decode_transforms
 
 # Names come from the bus: the numbers of at most so many streams are known.
@@ -117,6 +117,6 @@ class NamedMessages:
         if description is None or description is former:
             return
         if description.poses != FLOAT64:
-            self._numbers[state.name] = description.numbers, description
+            self._numbers[state.name] = numbers_of(description), description
             # It may be of a former epoch, whose publisher is about to go.
             self._pending.release(state.name, description.epoch, is_last=False)

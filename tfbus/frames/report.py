@@ -18,7 +18,7 @@ from tfbus.frames.snapshot import FrameTree
 from tfbus.frames.windows import MessageWindow, Spread, spread_of
 from tfbus.recording.items import Pause
 from tfbus.streams.info import StreamInfo
-from tfbus.wire.numbered import FLOAT64
+from tfbus.wire.descriptions import FLOAT64
 
 Edge = tuple[str, str, str]  # stream, parent, child
 Ints: TypeAlias = "NDArray[np.int64]"

@@ -18,7 +18,7 @@ from tfbus.base.wording import did_you_mean
 from tfbus.bus.settings import NodeSettings
 from tfbus.launch.console import Console
 from tfbus.launch.description import DescribedProcess, Respawn
-from tfbus.wire.numbered import FLOAT64
+from tfbus.wire.descriptions import FLOAT64
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,8 @@ from tfbus.launch.description import (
     Respawn,
 )
 from tfbus.launch.find import find_in, find_launch_file
+from tfbus.wire.descriptions import check_poses
 from tfbus.wire.keys import check_namespace, check_node_name, resolve
-from tfbus.wire.numbered import check_poses
 
 _KEYS = (
     *("node", "command", "name", "namespace", "parameters", "remappings", "arguments"),

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tfbus.base import ros_names, scheduler
+from tfbus.base import scheduler
 from tfbus.base.arguments import called_as, check_callback, check_plain, seconds_to_wait
 from tfbus.base.callbacks import CallbackGroup
 from tfbus.base.clock import SYSTEM_CLOCK, Clock, SimulatedClock, Timer
 from tfbus.base.errors import BusError, ParameterError, SettingsError, TfbusError
+from tfbus.base.lazy_exports import imported
 from tfbus.base.log import open_log
 from tfbus.base.signals import StopSignals, Wakeup, forget_interrupt
 from tfbus.bus import zenoh_library
@@ -193,7 +194,8 @@ class Node:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> bool:
-        ros_names.add_note(error)
+        if error is not None:
+            imported("tfbus.base.ros_names").add_note(error)
         stopped_by_signal = kind is KeyboardInterrupt and not self.ok
         if stopped_by_signal:
             forget_interrupt()
@@ -209,10 +211,9 @@ class Node:
 
         def __getattr__(self, name: str) -> Any:
             """No attribute; the error names what stands for one of rclpy."""
+            hint = imported("tfbus.base.ros_names").hint("Node", name)
             raise AttributeError(
-                f"'Node' object has no attribute {name!r}{ros_names.hint('Node', name)}",
-                name=name,
-                obj=self,
+                f"'Node' object has no attribute {name!r}{hint}", name=name, obj=self
             )
 
     # How long it lives

@@ -11,7 +11,7 @@ from tfbus.base.clock import LoopBell
 from tfbus.base.errors import DecodeError
 from tfbus.base.log import LogOnce
 from tfbus.base.signals import StopSignals, Wakeup
-from tfbus.bus.network_session import BytesPublisher, Declaration
+from tfbus.bus.network_session import BytesPublisher, BytesSubscriber
 from tfbus.bus.session import Session
 from tfbus.node.endpoint import Lane, NodeEndpoint
 from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
@@ -140,13 +140,14 @@ class Subscription(NodeEndpoint, Generic[M]):
         self._pending: deque[M] = deque()
         # So many more may wait of those that were handed over together.
         self._beside = 0
-        self._too_large = self._of_ros = 0
-        self._parts = [_subscriber(session, topic, retained, self._on_message, self._on_too_large)]
+        self._of_ros = 0
+        self._subscriber = _subscriber(session, topic, retained, self._on_message)
+        self._parts = [self._subscriber]
 
     @property
     def rejected(self) -> int:
         """How many messages were of the wrong shape, or too large to be read."""
-        return self._log_once.counts[REJECTED] + self._too_large + self._of_ros
+        return self._log_once.counts[REJECTED] + self._subscriber.too_large + self._of_ros
 
     def close(self) -> None:
         """End it, also for messages that wait. Twice is fine."""
@@ -204,10 +205,6 @@ class Subscription(NodeEndpoint, Generic[M]):
     def _wake(self, message: object = None) -> None:
         for wake in list(self._wakes):
             wake()
-
-    def _on_too_large(self) -> None:
-        with self._lock:
-            self._too_large += 1
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
@@ -296,12 +293,11 @@ def _subscriber(
     topic: str,
     retained: bool,
     callback: Callable[[str, bytes], None],
-    on_too_large: Callable[[], object] = lambda: None,
     *,
     others: bool = False,
-) -> Declaration:
+) -> BytesSubscriber:
     if not retained:
-        return session.subscriber(topic, callback, on_too_large, others=others)
+        return session.subscriber(topic, callback, others=others)
     from tfbus.bus.retained import declare_retained_subscriber
 
-    return declare_retained_subscriber(session, topic, callback, on_too_large, others=others)
+    return declare_retained_subscriber(session, topic, callback, others=others)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from tfbus.base import scheduler
+from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.recording.items import ALL, Item, Selection
 from tfbus.recording.state import ItemsInOrder, last_item
@@ -27,8 +28,8 @@ class PausableClock:
     Calls are safe from any thread.
     """
 
-    def __init__(self, real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns()) -> None:
-        self._real_ns = real_ns
+    def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._real_ns = clock.elapsed_ns
         self._paused_ns = 0
         self._stands_at_ns: int | None = None
 
@@ -103,7 +104,7 @@ class Playhead:
     """The moment of a recording that is played, from `start_ns` to `end_ns`, and at which rate;
     `at_ns` at first, in log times. Safe from any thread.
 
-    `real_ns` is the clock that it goes by, `wall_ns` that of stamps. `jumps` counts the changes
+    It goes by what the `clock` has run, and stamps by the clock's time. `jumps` counts the changes
     that nobody can foresee from the progress before. Raises InvalidArgumentException for a rate
     that is not between 0.001 and 10,000.
     """
@@ -117,21 +118,20 @@ class Playhead:
         rate: float = 1.0,
         paused: bool = False,
         at_end: AtEnd = "wait",
-        real_ns: Callable[[], int] = lambda: scheduler.monotonic_ns(),
-        wall_ns: Callable[[], int] = lambda: scheduler.time_ns(),
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
         self.start_ns, self.end_ns = start_ns, end_ns
         # It stands while the recording is paused.
-        self.clock = PausableClock(real_ns)
+        self.clock = PausableClock(clock)
         self.clock.pause(paused)
-        self._wall_ns = wall_ns
+        self._wall_ns = clock.now_ns
         self._unless_looped: AtEnd = "wait" if at_end == "loop" else at_end
         # Guards all that follows; notified at each change that a player waits for.
         self.changed = scheduler.Condition()
         self.jumps = 0
         self._at_end: AtEnd = at_end
         at_ns = start_ns if at_ns is None else self._within(at_ns)
-        self._pace = Pace(at_ns, self.clock(), wall_ns(), _checked(rate))
+        self._pace = Pace(at_ns, self.clock(), self._wall_ns(), _checked(rate))
         self._is_paused = paused
         self._pace_is_news = self._is_at_end = False
         self._steps = 0

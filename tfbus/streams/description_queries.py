@@ -5,6 +5,7 @@ that list a frame; and the queue in which descriptions wait to be read.
 from collections import deque
 from collections.abc import Callable, Set
 from contextlib import suppress
+from functools import partial
 from typing import NamedTuple
 
 from tfbus.base import scheduler
@@ -245,70 +246,8 @@ class DescriptionQueries:
         if epoch_ns is None and key not in self._asking and len(self._asking) >= _MOST_ASKED:
             self._to_ask[key] = None
             return
-        states = self._states
-        known = states.of(key).description
-        answers: dict[str, StreamDescription | None] = {}
-        asked = ended = next_to_count = 0
-
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            nonlocal asked
-            asked = turn
-            if turn >= _TURNS and self._to_ask and epoch_ns is None:
-                self._to_ask[key] = None
-                asking.close()
-                on_end()
-                return
-
-            def end() -> None:
-                on_end()
-                # After the answers of this question have been looked at.
-                self._do(lambda: count_end(turn))
-
-            ask_for_description(self._session, key, turn, on_answer, end)
-            if turn >= PATIENT_FROM_TURN:
-                self._executor.after(ANSWER_WITHIN_S, lambda: count_end(turn))
-
-        def count_end(turn: int) -> None:
-            nonlocal ended, next_to_count
-            if not asking.is_over and turn >= next_to_count:
-                next_to_count = asked + 1
-                ended += 1
-                if ended >= _PATIENCE:
-                    states.take_back(key)
-
-        def on_answer(answer: Answer) -> None:
-            has_room = len(answers) < MOST_ANSWERS or answer.sender in answers
-            if answer.refusal is None and has_room:
-                answers[answer.sender] = states.read(key, answer.payload)
-
-        def is_settled() -> bool:
-            if states.is_closed:
-                return True
-            state = states.of(key)
-            if state.description is not known and (state.confirmed or asked >= _TURNS_TO_SIGN):
-                # One that has come by itself in the meantime is at least as new.
-                return True
-            readable = [(answer, sender) for sender, answer in list(answers.items()) if answer]
-            if epoch_ns is not None:
-                readable = [each for each in readable if each[0].epoch == epoch_ns]
-            if readable:
-                if epoch_ns is not None:
-                    states.store(replace(states.of(key), description=None))
-                self._owners.take_best(key, readable)
-            elif answers:
-                states.take_back(key)
-            return bool(answers if epoch_ns is None else readable)
-
         self.end(key)
-
-        def on_over() -> None:
-            if self._asking.get(key) is asking:
-                del self._asking[key]
-            self._ask_next()
-
-        asking = self._asking[key] = AskUntil(
-            self._executor, _WHAT, _PAUSES, ask=ask, is_settled=is_settled, on_over=on_over
-        )
+        asking = self._asking[key] = _AskForDescription(self, key, epoch_ns)
         asking.start()
 
     def _ask_next(self) -> None:
@@ -319,6 +258,76 @@ class DescriptionQueries:
 
     def _do(self, job: Callable[[], None]) -> None:
         self._executor.submit(_WHAT, job)
+
+
+class _AskForDescription(AskUntil):
+    """Asks for the description of the stream of a token; with an epoch, for that one's."""
+
+    def __init__(self, queries: DescriptionQueries, key: str, epoch_ns: int | None) -> None:
+        super().__init__(queries._executor, _WHAT, _PAUSES)
+        self._queries = queries
+        self._key = key
+        self._epoch_ns = epoch_ns
+        self._known = queries._states.of(key).description
+        self._answers: dict[str, StreamDescription | None] = {}
+        # The turn of the last question, how many questions have ended, and the first turn whose
+        # end counts as another.
+        self._asked = self._ended = self._next_to_count = 0
+
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        queries = self._queries
+        self._asked = turn
+        if turn >= _TURNS and queries._to_ask and self._epoch_ns is None:
+            queries._to_ask[self._key] = None
+            self.close()
+            on_end()
+            return
+
+        def end() -> None:
+            on_end()
+            # After the answers of this question have been looked at.
+            queries._do(partial(self._count_end, turn))
+
+        ask_for_description(queries._session, self._key, turn, self._receive, end)
+        if turn >= PATIENT_FROM_TURN:
+            queries._executor.after(ANSWER_WITHIN_S, partial(self._count_end, turn))
+
+    def _count_end(self, turn: int) -> None:
+        if not self.is_over and turn >= self._next_to_count:
+            self._next_to_count = self._asked + 1
+            self._ended += 1
+            if self._ended >= _PATIENCE:
+                self._queries._states.take_back(self._key)
+
+    def _receive(self, answer: Answer) -> None:
+        has_room = len(self._answers) < MOST_ANSWERS or answer.sender in self._answers
+        if answer.refusal is None and has_room:
+            self._answers[answer.sender] = self._queries._states.read(self._key, answer.payload)
+
+    def is_settled(self) -> bool:
+        states, key, epoch_ns = self._queries._states, self._key, self._epoch_ns
+        if states.is_closed:
+            return True
+        state = states.of(key)
+        is_signed = state.confirmed or self._asked >= _TURNS_TO_SIGN
+        if state.description is not self._known and is_signed:
+            # One that has come by itself in the meantime is at least as new.
+            return True
+        readable = [(answer, sender) for sender, answer in list(self._answers.items()) if answer]
+        if epoch_ns is not None:
+            readable = [each for each in readable if each[0].epoch == epoch_ns]
+        if readable:
+            if epoch_ns is not None:
+                states.store(replace(states.of(key), description=None))
+            self._queries._owners.take_best(key, readable)
+        elif self._answers:
+            states.take_back(key)
+        return bool(self._answers if epoch_ns is None else readable)
+
+    def on_over(self) -> None:
+        if self._queries._asking.get(self._key) is self:
+            del self._queries._asking[self._key]
+        self._queries._ask_next()
 
 
 # If no stream lists a frame no answer comes, as if the question were lost: it is repeated.
@@ -390,13 +399,24 @@ class WantedStreams:
             self._ask(keys, self.frames)
 
     def _ask(self, keys: str, frames: frozenset[str]) -> None:
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            ask_who_lists(self._session, keys, frames, on_answer, on_end)
+        _AskWhoLists(self, keys, frames).start()
 
-        def on_answer(answer: Answer) -> None:
-            if answer.refusal is None:
-                self._executor.submit(_WHICH, lambda: self._on_answer(answer))
 
-        AskUntil(
-            self._executor, _WHICH, _LIST_PAUSES, ask=ask, is_settled=lambda: keys in self._found
-        ).start()
+class _AskWhoLists(AskUntil):
+    """Asks the streams whose tokens lie within `keys` whether they list one of the frames."""
+
+    def __init__(self, wanted: WantedStreams, keys: str, frames: frozenset[str]) -> None:
+        super().__init__(wanted._executor, _WHICH, _LIST_PAUSES)
+        self._wanted = wanted
+        self._keys = keys
+        self._frames = frames
+
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        ask_who_lists(self._wanted._session, self._keys, self._frames, self._receive, on_end)
+
+    def _receive(self, answer: Answer) -> None:
+        if answer.refusal is None:
+            self._wanted._executor.submit(_WHICH, partial(self._wanted._on_answer, answer))
+
+    def is_settled(self) -> bool:
+        return self._keys in self._wanted._found

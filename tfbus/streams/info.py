@@ -1,9 +1,8 @@
 """Streams as values: their state by tokens and descriptions, their counts, and reports of both."""
 
 from tfbus.base.structs import Struct, fields_of, replace
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import FLOAT64, StreamDescription
 from tfbus.wire.keys import namespace_of
-from tfbus.wire.numbered import FLOAT64
 
 # Streams come and go: at most this many gone streams are remembered.
 MOST_GONE = 1000

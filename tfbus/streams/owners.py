@@ -1,6 +1,8 @@
 """Which session publishes a stream, if several describe themselves as its publisher."""
 
+from abc import abstractmethod
 from collections.abc import Callable
+from functools import partial
 
 from tfbus.base.executor import Executor
 from tfbus.base.wording import stamp_text
@@ -112,26 +114,10 @@ class Owners:
 
     def _recheck(self, key: str) -> None:
         """Have another session take the stream over if it answers, and the owner does not."""
-        states = self._states
-        owner = states.of(key).owner
-        answers: dict[str, Answer] = {}
-
-        def on_answer(answer: Answer) -> None:
-            if answer.refusal is None and len(answers) < MOST_ANSWERS:
-                answers[answer.sender] = answer
-
-        def on_over() -> None:
+        if self._states.of(key).alive:
+            _AskWhoIsLeft(self, key).start()
+        else:
             self._rechecked.discard(key)
-            others = [answer for sender, answer in list(answers.items()) if sender != owner]
-            if owner not in answers and states.of(key).owner == owner and not states.is_closed:
-                self._take_one_of(key, others)
-            if others or owner not in answers:
-                self._recheck_later(key)
-
-        if not states.of(key).alive:
-            self._rechecked.discard(key)
-            return
-        self._asking(key, on_answer, lambda: owner in answers and len(answers) > 1, on_over).start()
 
     def _take_one_of(self, key: str, answers: list[Answer]) -> None:
         """Take the latest of these descriptions, each from the session that it names."""
@@ -150,27 +136,11 @@ class Owners:
 
         Its description may be of before it ended: it has waited while this process was stopped.
         """
-        states, key, owner = self._states, state.key, state.owner
-        answering: set[str] = set()
-        if key in self._challenges or len(self._challenges) >= _MOST_CLAIMS or states.is_closed:
-            return
-
-        def on_answer(answer: Answer) -> None:
-            if answer.refusal is None and answer.sender in (owner, challenger):
-                answering.add(answer.sender)
-
-        def on_over() -> None:
-            self._executor.after(_CLAIMS_APART_S, lambda: self._challenges.pop(key, None))
-            if owner in answering:
-                states.reject(state.name, "the session that publishes the stream is there, too")
-            elif challenger not in answering or states.is_closed:
-                return
-            elif states.of(key).owner == owner:
-                self.take(key, description, challenger, owner_is_silent=True)
-
-        asking = self._asking(key, on_answer, lambda: owner in answering, on_over)
-        self._challenges[key] = asking
-        asking.start()
+        has_room = len(self._challenges) < _MOST_CLAIMS and state.key not in self._challenges
+        if has_room and not self._states.is_closed:
+            asking = _AskOwner(self, state, description, challenger)
+            self._challenges[state.key] = asking
+            asking.start()
 
     def ask_for_epoch(self, name: str, epoch_ns: int) -> None:
         """Ask whether a session publishes this epoch of a stream; from any thread, at once."""
@@ -179,74 +149,135 @@ class Owners:
         )
 
     def _ask_for_epoch(self, name: str, epoch_ns: int) -> None:
-        states = self._states
-        disputed = states.known(name)
-        if disputed is None or states.is_closed or disputed.key in self._claims:
+        disputed = self._states.known(name)
+        if disputed is None or self._states.is_closed or disputed.key in self._claims:
             return
-        if len(self._claims) >= _MOST_CLAIMS:
+        if len(self._claims) < _MOST_CLAIMS:
+            asking = self._claims[disputed.key] = _AskForEpoch(self, disputed, epoch_ns)
+            asking.start()
+
+
+class _AskOwners(AskUntil):
+    """A few questions for the descriptions of all sessions that publish the stream of a token."""
+
+    def __init__(self, owners: Owners, key: str) -> None:
+        super().__init__(owners._executor, _WHAT, _CLAIM_PAUSES)
+        self._owners = owners
+        self._states = owners._states
+        self._key = key
+
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        ask_for_description(self._owners._session, self._key, turn, self.receive, on_end)
+
+    @abstractmethod
+    def receive(self, answer: Answer) -> None:
+        """An answer has come, or a refusal."""
+
+    def is_settled(self) -> bool:
+        return self._states.is_closed
+
+
+class _AskWhoIsLeft(_AskOwners):
+    """Asks which of the sessions that publish a stream are left."""
+
+    def __init__(self, owners: Owners, key: str) -> None:
+        super().__init__(owners, key)
+        self._owner = self._states.of(key).owner
+        self._answers: dict[str, Answer] = {}
+
+    def receive(self, answer: Answer) -> None:
+        if answer.refusal is None and len(self._answers) < MOST_ANSWERS:
+            self._answers[answer.sender] = answer
+
+    def is_settled(self) -> bool:
+        return super().is_settled() or (self._owner in self._answers and len(self._answers) > 1)
+
+    def on_over(self) -> None:
+        owners, states, key = self._owners, self._states, self._key
+        owners._rechecked.discard(key)
+        answers = dict(self._answers)
+        is_silent = answers.pop(self._owner, None) is None
+        if is_silent and states.of(key).owner == self._owner and not states.is_closed:
+            owners._take_one_of(key, list(answers.values()))
+        if answers or is_silent:
+            owners._recheck_later(key)
+
+
+class _AskOwner(_AskOwners):
+    """Asks whether the owner of a stream is still there, whom another session challenges."""
+
+    def __init__(
+        self, owners: Owners, state: StreamState, description: StreamDescription, challenger: str
+    ) -> None:
+        super().__init__(owners, state.key)
+        self._stream, self._owner = state.name, state.owner
+        self._description = description
+        self._challenger = challenger
+        self._answering: set[str] = set()
+
+    def receive(self, answer: Answer) -> None:
+        if answer.refusal is None and answer.sender in (self._owner, self._challenger):
+            self._answering.add(answer.sender)
+
+    def is_settled(self) -> bool:
+        return super().is_settled() or self._owner in self._answering
+
+    def on_over(self) -> None:
+        owners, states, key = self._owners, self._states, self._key
+        owners._executor.after(_CLAIMS_APART_S, partial(owners._challenges.pop, key, None))
+        if self._owner in self._answering:
+            states.reject(self._stream, "the session that publishes the stream is there, too")
+        elif self._challenger not in self._answering or states.is_closed:
             return
-        key, known, is_confirmed, answers = disputed.key, disputed.description, False, 0
+        elif states.of(key).owner == self._owner:
+            owners.take(key, self._description, self._challenger, owner_is_silent=True)
 
-        def before_question() -> None:
-            nonlocal known
-            known = states.of(key).description
 
-        def on_answer(answer: Answer) -> None:
-            nonlocal answers
-            answers += answer.refusal is None
-            if answer.refusal is None and answers <= MOST_ANSWERS:
-                self._executor.submit(_WHAT, lambda: take(answer))
+class _AskForEpoch(_AskOwners):
+    """Asks whether a session publishes an epoch of a stream."""
 
-        def take(answer: Answer) -> None:
-            nonlocal is_confirmed
-            description = states.read(key, answer.payload)
-            if description is not None and answer.sender == description.session:
-                is_confirmed |= description.epoch == epoch_ns
-                state = states.of(key)
-                is_same = state.owner == answer.sender and _epoch_of(state) == description.epoch
-                # One that has come by itself since the question may be newer than the answer.
-                if not is_same or state.description is known:
-                    self.take(key, description, answer.sender, asked_epoch_ns=epoch_ns)
+    def __init__(self, owners: Owners, disputed: StreamState, epoch_ns: int) -> None:
+        super().__init__(owners, disputed.key)
+        self._stream = disputed.name
+        self._epoch_ns = epoch_ns
+        self._known = disputed.description
+        self._is_confirmed = False
+        self._count = 0
 
-        def on_over() -> None:
-            self._executor.after(_CLAIMS_APART_S, lambda: self._claims.pop(key, None))
-            if not is_confirmed and not states.is_closed:
-                states.once.warning(
-                    ("epoch", name),
-                    "Dropped messages of stream %r with the epoch %s: no process that publishes "
-                    "the stream confirms it. Another process sends on its key",
-                    name,
-                    stamp_text(epoch_ns),
-                )
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        self._known = self._states.of(self._key).description
+        super().ask(turn, on_end)
 
-        asking = self._asking(
-            key, on_answer, lambda: is_confirmed, on_over, before_question=before_question
-        )
-        self._claims[key] = asking
-        asking.start()
+    def receive(self, answer: Answer) -> None:
+        self._count += answer.refusal is None
+        if answer.refusal is None and self._count <= MOST_ANSWERS:
+            self._owners._executor.submit(_WHAT, partial(self._take, answer))
 
-    def _asking(
-        self,
-        key: str,
-        on_answer: Callable[[Answer], None],
-        is_settled: Callable[[], bool],
-        on_over: Callable[[], None],
-        before_question: Callable[[], None] = lambda: None,
-    ) -> AskUntil:
-        """A few questions for the descriptions of all sessions that publish the stream."""
+    def _take(self, answer: Answer) -> None:
+        key, states = self._key, self._states
+        description = states.read(key, answer.payload)
+        if description is not None and answer.sender == description.session:
+            self._is_confirmed |= description.epoch == self._epoch_ns
+            state = states.of(key)
+            is_same = state.owner == answer.sender and _epoch_of(state) == description.epoch
+            # One that has come by itself since the question may be newer than the answer.
+            if not is_same or state.description is self._known:
+                self._owners.take(key, description, answer.sender, asked_epoch_ns=self._epoch_ns)
 
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            before_question()
-            ask_for_description(self._session, key, turn, on_answer, on_end)
+    def is_settled(self) -> bool:
+        return super().is_settled() or self._is_confirmed
 
-        return AskUntil(
-            self._executor,
-            _WHAT,
-            _CLAIM_PAUSES,
-            ask=ask,
-            is_settled=lambda: self._states.is_closed or is_settled(),
-            on_over=on_over,
-        )
+    def on_over(self) -> None:
+        owners, states = self._owners, self._states
+        owners._executor.after(_CLAIMS_APART_S, partial(owners._claims.pop, self._key, None))
+        if not self._is_confirmed and not states.is_closed:
+            states.once.warning(
+                ("epoch", self._stream),
+                "Dropped messages of stream %r with the epoch %s: no process that publishes "
+                "the stream confirms it. Another process sends on its key",
+                self._stream,
+                stamp_text(self._epoch_ns),
+            )
 
 
 def _rank(answer: tuple[StreamDescription, str]) -> tuple[bool, int]:

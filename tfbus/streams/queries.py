@@ -14,6 +14,7 @@ import logging
 import math
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
@@ -174,39 +175,42 @@ class StaticRecovery:
             self.leave(stream)
 
     def _begin(self, key: str, stream: StreamReception) -> None:
-        if self._closed or self.is_asking(stream.name):
-            return
+        if not self._closed and not self.is_asking(stream.name):
+            asking = self._asking[stream.name] = _AskStatics(self, key, stream)
+            asking.start()
 
-        def on_answer(answer: Answer) -> None:
-            if answer.refusal is None and not asking.is_over:
-                stream.statics.receive(answer.payload)
 
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            ask_for_statics(self._session, key, turn, on_answer, on_end)
+class _AskStatics(AskUntil):
+    """Asks for the static transforms of the stream of a token."""
 
-        def on_over() -> None:
-            if self._asking.get(stream.name) is asking:
-                del self._asking[stream.name]
+    def __init__(self, recovery: StaticRecovery, key: str, stream: StreamReception) -> None:
+        super().__init__(recovery._executor, _STATICS, _PAUSES)
+        self._recovery = recovery
+        self._key = key
+        self._stream = stream
 
-        asking = self._asking[stream.name] = AskUntil(
-            self._executor,
-            _STATICS,
-            _PAUSES,
-            ask=ask,
-            is_settled=lambda: not stream.statics.are_lacking(),
-            on_unanswered=lambda turn: self._warn(stream.name, turn + 1),
-            on_over=on_over,
-        )
-        asking.start()
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        ask_for_statics(self._recovery._session, self._key, turn, self._receive, on_end)
 
-    def _warn(self, stream: str, requests: int) -> None:
-        if requests == _REQUESTS_BEFORE_WARNING:
-            self._log.warning(
+    def _receive(self, answer: Answer) -> None:
+        if answer.refusal is None and not self.is_over:
+            self._stream.statics.receive(answer.payload)
+
+    def is_settled(self) -> bool:
+        return not self._stream.statics.are_lacking()
+
+    def on_unanswered(self, turn: int) -> None:
+        if turn + 1 == _REQUESTS_BEFORE_WARNING:
+            self._recovery._log.warning(
                 "Static transforms of stream %r are still missing after %d requests; retrying. If "
                 "they do not come, restart its publisher",
-                stream,
-                requests,
+                self._stream.name,
+                turn + 1,
             )
+
+    def on_over(self) -> None:
+        if self._recovery._asking.get(self._stream.name) is self:
+            del self._recovery._asking[self._stream.name]
 
 
 _KEPT_WITHIN_S = 5.0
@@ -299,38 +303,12 @@ class AskPages:
         self._quickest_s = math.inf
         self.place = place
         self.is_complete = self.is_over = False
-        self._page: AskUntil | None = None
+        self._page: _AskPage | None = None
 
     def start(self) -> None:
         """Ask for the first page, on the calling thread."""
-        is_answered = False
-
-        def ask(turn: int, on_end: Callable[[], None]) -> None:
-            self._turns.take(lambda end_turn: self._ask(on_answer, on_end, end_turn))
-
-        def on_answer(answer: Answer, took_s: float) -> None:
-            nonlocal is_answered
-            if answer.refusal is None and not self.is_over and self._page is asking:
-                is_answered = self._take(answer, took_s) or is_answered
-
-        def on_over() -> None:
-            if self.is_over or self._page is not asking:
-                return
-            if is_answered and not self.is_complete:
-                self.start()
-            else:
-                self.close()
-
-        asking = self._page = AskUntil(
-            self._executor,
-            "history",
-            _GOING_ON_PAUSES if self.place else _HISTORY_PAUSES,
-            ask=ask,
-            is_settled=lambda: is_answered,
-            on_unanswered=lambda turn: self._resize(0.5),
-            on_over=on_over,
-        )
-        asking.start()
+        self._page = _AskPage(self)
+        self._page.start()
 
     def close(self) -> None:
         """Ask no further. Twice is fine."""
@@ -339,34 +317,6 @@ class AskPages:
             if self._page is not None:
                 self._page.close()
             self._on_over()
-
-    def _ask(
-        self,
-        on_answer: Callable[[Answer, float], None],
-        on_end: Callable[[], None],
-        end_turn: Callable[[], None],
-    ) -> None:
-        asked_s = scheduler.monotonic()
-
-        def end() -> None:
-            end_turn()
-            on_end()
-
-        try:
-            self._session.ask_later(
-                page_selector(self._selector(), self._bytes, self.place),
-                self._payload,
-                lambda answer: on_answer(answer, scheduler.monotonic() - asked_s),
-                end,
-                timeout_s=_KEPT_WITHIN_S,
-                priority="background",
-            )
-        except BusError:  # the session is closed, or no further page is wanted
-            end_turn()
-        except BaseException:
-            end_turn()
-            self.close()
-            raise
 
     def _take(self, answer: Answer, took_s: float) -> bool:
         """Take an answer; whether it is one."""
@@ -392,6 +342,62 @@ class AskPages:
 
     def _resize(self, factor: float) -> None:
         self._bytes = min(max(int(self._bytes * factor), _LEAST_PAGE), _LARGEST_PAGE)
+
+
+class _AskPage(AskUntil):
+    """Asks for the next page, each time when it is its turn."""
+
+    def __init__(self, pages: AskPages) -> None:
+        pauses = _GOING_ON_PAUSES if pages.place else _HISTORY_PAUSES
+        super().__init__(pages._executor, "history", pauses)
+        self._pages = pages
+        self._is_answered = False
+
+    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+        self._pages._turns.take(partial(self._ask_now, on_end))
+
+    def _ask_now(self, on_end: Callable[[], None], end_turn: Callable[[], None]) -> None:
+        pages, asked_s = self._pages, scheduler.monotonic()
+
+        def receive(answer: Answer) -> None:
+            took_s = scheduler.monotonic() - asked_s
+            if answer.refusal is None and not pages.is_over and pages._page is self:
+                self._is_answered = pages._take(answer, took_s) or self._is_answered
+
+        def end() -> None:
+            end_turn()
+            on_end()
+
+        try:
+            pages._session.ask_later(
+                page_selector(pages._selector(), pages._bytes, pages.place),
+                pages._payload,
+                receive,
+                end,
+                timeout_s=_KEPT_WITHIN_S,
+                priority="background",
+            )
+        except BusError:  # the session is closed, or no further page is wanted
+            end_turn()
+        except BaseException:
+            end_turn()
+            pages.close()
+            raise
+
+    def is_settled(self) -> bool:
+        return self._is_answered
+
+    def on_unanswered(self, turn: int) -> None:
+        self._pages._resize(0.5)
+
+    def on_over(self) -> None:
+        pages = self._pages
+        if pages.is_over or pages._page is not self:
+            return
+        if self._is_answered and not pages.is_complete:
+            pages.start()
+        else:
+            pages.close()
 
 
 # Lookups of the past wait at most this long for a stream's history.

@@ -34,8 +34,8 @@ from tfbus.streams.stream_facts import (
     ReceptionHooks,
     StreamFacts,
 )
-from tfbus.wire.descriptions import StreamDescription
-from tfbus.wire.numbered import FLOAT64, NO_NUMBERS, FrameNumbers
+from tfbus.wire.descriptions import FLOAT64, StreamDescription
+from tfbus.wire.numbered import NO_NUMBERS, FrameNumbers, numbers_of
 from tfbus.wire.transforms import TransformMessage, TransformReader
 
 # A message may bring new frames: after this many transforms a stream is weighed again.
@@ -222,7 +222,7 @@ class StreamReception:
             publisher if description.session else None,
             started_ns=description.started_ns,
             confirmed=confirmed,
-            numbers=description.numbers if description.poses != FLOAT64 else NO_NUMBERS,
+            numbers=numbers_of(description) if description.poses != FLOAT64 else NO_NUMBERS,
         )
 
     def describe(

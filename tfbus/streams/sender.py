@@ -28,9 +28,9 @@ from tfbus.streams.retained import (
     SentHistory,
     answer_from_history,
 )
-from tfbus.wire.descriptions import StreamDescription
+from tfbus.wire.descriptions import FLOAT32, FLOAT64, StreamDescription, check_poses
 from tfbus.wire.keys import escape, transforms_key
-from tfbus.wire.numbered import FLOAT32, FLOAT64, check_poses, origin_of
+from tfbus.wire.numbered import origin_of
 from tfbus.wire.transforms import NumberedEncoder, TransformEncoder, in_order_of_messages
 
 

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from tfbus.base.addresses import is_local
 from tfbus.base.clock import SYSTEM_CLOCK, Clock
 from tfbus.base.errors import InvalidArgumentException, TfbusError
+from tfbus.base.installation import install_command
 from tfbus.buffer.buffer import Buffer
-from tfbus.command import install_command
 from tfbus.command.server_access import AccessToken, made_tls
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.recording import Recording

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tfbus import messages
-from tfbus.base.clock import Clock
+from tfbus.base.clock import Clock, SystemClock
 from tfbus.base.errors import DecodeError
 from tfbus.base.signals import StopSignals
 from tfbus.buffer.buffer import Buffer
@@ -62,6 +62,15 @@ class Cursor:
     jumps: int
 
 
+class _WatchedClock(SystemClock):
+    """Has run for the time that passed from picture to picture, while a browser watched."""
+
+    watched_ns = 0
+
+    def elapsed_ns(self) -> int:
+        return self.watched_ns
+
+
 class Replay:
     """The host, the publishers and the buffer of a page that shows a recording.
 
@@ -93,10 +102,9 @@ class Replay:
         start_ns = reader.start_ns if start_ns is None else start_ns
         end_ns = reader.end_ns if end_ns is None else end_ns
         self.timeline = known_timeline(reader, start_ns, end_ns)
-        # The time that has passed from picture to picture, while a browser watched.
-        self._watched_ns = 0
+        self._watched = _WatchedClock()
         self.playhead = Playhead(
-            start_ns, end_ns, at_ns=at_ns, paused=not plays, real_ns=lambda: self._watched_ns
+            start_ns, end_ns, at_ns=at_ns, paused=not plays, clock=self._watched
         )
         self._ended = threading.Event()
         self._measuring: threading.Thread | None = None
@@ -242,7 +250,7 @@ class Replay:
         if steps := self.playhead.take_steps():
             at_ns = stepped_ns(self._reader, self.playhead, steps, _moves)
             self.playhead.seek(self._at_ns if at_ns is None else at_ns)
-        self._watched_ns += round(passed_s * 1e9)
+        self._watched.watched_ns += round(passed_s * 1e9)
         at_ns = self.playhead.advance().log_ns
         if trail_s > self._before_s:
             self._before_s = trail_s

@@ -1,9 +1,8 @@
 """Descriptions of nodes and streams on the bus; docs/reference/wire.md has the format."""
 
-import sys
-from array import array
 from typing import Any
 
+from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.structs import Struct, field, replace
 from tfbus.base.wording import (
     MOST_LETTERS,
@@ -16,7 +15,16 @@ from tfbus.base.wording import (
 )
 from tfbus.geometry.packed import POSE_SIZE
 from tfbus.wire.codec import as_map, decode_message, encode_map
-from tfbus.wire.numbered import FLOAT64, FrameNumbers
+
+# How a stream can send its poses; the first is the default, as version 1 has them.
+FLOAT64, FLOAT32, COMPACT = POSES = ("float64", "float32", "compact")
+
+
+def check_poses(poses: str) -> str:
+    """The name, if it is one of `POSES`. Raises InvalidArgumentException for any other."""
+    if poses not in POSES:
+        raise InvalidArgumentException(f"poses {poses!r} is not one of {', '.join(POSES)}")
+    return poses
 
 
 class ParameterDescription(Struct):
@@ -218,16 +226,6 @@ class StreamDescription(Struct):
         _check_names(node=self.node, host=self.host, session=self.session, poses=self.poses)
         if len(self.origins) != POSE_SIZE * len(self.numbered):
             raise ValueError("field 'origins' must have a pose for each of 'numbered'")
-
-    @property
-    def numbers(self) -> FrameNumbers:
-        """The frames that have numbers."""
-        origins = self.origins
-        if sys.byteorder != "little":
-            swapped = array("d", origins)
-            swapped.byteswap()
-            origins = swapped.tobytes()
-        return FrameNumbers(self.epoch, self.next_number, self.numbered, origins)
 
 
 # The fields of which a stream that names its frames in each message says nothing.

@@ -10,17 +10,16 @@ Compiled if there is a C compiler (`numbered.pxd` has the C types).
 """
 
 import math
+import sys
+from array import array
 from bisect import bisect_left
 from collections.abc import MutableSequence, Sequence
 
 from tfbus.base import scheduler
-from tfbus.base.errors import InvalidArgumentException
 from tfbus.geometry import packed
 from tfbus.geometry.columns import Columns, rows_of
 from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE, Pose
-
-# How a stream can send its poses; the first is the default, as version 1 has them.
-FLOAT64, FLOAT32, COMPACT = POSES = ("float64", "float32", "compact")
+from tfbus.wire.descriptions import StreamDescription
 
 # How one pose is sent. Below 8 it is compact: the two lowest bits say how many bytes each axis of
 # the translation takes, 0, 2, 3 or 4, and the next whether a rotation follows.
@@ -59,13 +58,6 @@ _BYTES_OF_KIND, _BYTES_OF_ROW = 500, 120
 _MOST_BYTES, _MOST_BYTES_A_NUMBER = 64 * 1024, 1000
 
 IDENTITY = packed.pose_bytes((0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
-
-
-def check_poses(poses: str) -> str:
-    """The name, if it is one of `POSES`. Raises InvalidArgumentException for any other."""
-    if poses not in POSES:
-        raise InvalidArgumentException(f"poses {poses!r} is not one of {', '.join(POSES)}")
-    return poses
 
 
 class NumberedRows:
@@ -203,6 +195,16 @@ class FrameNumbers:
 
 # Before a stream has described its numbers.
 NO_NUMBERS = FrameNumbers(-1, 0, (), b"")
+
+
+def numbers_of(description: StreamDescription) -> FrameNumbers:
+    """The frames that have numbers, by the description of their stream."""
+    origins = description.origins
+    if sys.byteorder != "little":
+        swapped = array("d", origins)
+        swapped.byteswap()
+        origins = swapped.tobytes()
+    return FrameNumbers(description.epoch, description.next_number, description.numbered, origins)
 
 
 def origin_of(pose: bytes) -> bytes:

@@ -18,6 +18,7 @@ from tfbus.base.clock import Timer
 from tfbus.base.errors import TfbusError
 from tfbus.base.executor import Executor
 from tfbus.geometry.columns import Columns
+from tfbus.ros.bridge import common, routes
 from tfbus.ros.bridge.bridge import Bridge
 from tfbus.ros.bridge.common import BridgeOptions, Crossed, RosFrameNames
 from tfbus.ros.bridge.legs import LegSettings, OnMessage, RosTopic, open_leg
@@ -63,11 +64,12 @@ def test_names_go_there_and_back() -> None:
     assert names.mistake_in("/") == "must not be empty" and not names.mistake_in("base")
 
 
-def test_a_row_that_has_crossed_does_not_come_back() -> None:
+def test_a_row_that_has_crossed_does_not_come_back(monkeypatch: pytest.MonkeyPatch) -> None:
     """One of another stamp does, once it is known what has crossed; other frames always."""
     clock = Clock()
+    monkeypatch.setattr(common, "scheduler", clock)
     contested: list[None] = []
-    crossed = Crossed(lambda: contested.append(None), lambda: clock.now_ns / 1e9)
+    crossed = Crossed(lambda: contested.append(None))
     assert not crossed.record("to ROS", ["a", "b"])
     assert not crossed.record("from ROS", ["c"]) and not contested
     assert crossed.record("from ROS", ["a"]) and contested
@@ -81,10 +83,11 @@ def test_a_row_that_has_crossed_does_not_come_back() -> None:
     assert crossed.crosses("to ROS", rows("a", stamp_ns=3 * S)) == [0]
 
 
-def test_the_memory_of_stamps_is_bounded() -> None:
+def test_the_memory_of_stamps_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest go."""
     clock = Clock()
-    crossed = Crossed(lambda: None, lambda: clock.now_ns / 1e9)
+    monkeypatch.setattr(common, "scheduler", clock)
+    crossed = Crossed(lambda: None)
     crossed.record("to ROS", ["a"])
     crossed.record("from ROS", ["a"])
     clock.now_ns = 2 * S
@@ -94,16 +97,17 @@ def test_the_memory_of_stamps_is_bounded() -> None:
     assert crossed.crosses("from ROS", rows("a", stamp_ns=1)) == [0]
 
 
-def test_the_newest_row_goes_when_its_time_has_come() -> None:
+def test_the_newest_row_goes_when_its_time_has_come(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first at once; each frame by itself."""
     clock = Clock()
+    monkeypatch.setattr(routes, "scheduler", clock)
     sent: list[tuple[str, int]] = []
 
     def send(columns: Columns) -> None:
         sent.extend((each.child_frame_id, each.stamp_ns) for each in columns)
 
     executor = Executor("test", logging.getLogger("test"))
-    limit = RateLimit(1e-3, send, executor, lambda: clock.now_ns / 1e9)
+    limit = RateLimit(1e-3, send, executor)
     try:
         limit.pass_on(rows("a", stamp_ns=1))
         limit.pass_on(rows("a", "b", stamp_ns=2))
@@ -137,11 +141,12 @@ class NotedTimers(Executor):
         return [timer for timer in self.given if not timer.cancelled]
 
 
-def test_no_timer_runs_where_nothing_waits() -> None:
+def test_no_timer_runs_where_nothing_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     """A thousand times a second nothing would be done."""
     clock = Clock()
+    monkeypatch.setattr(routes, "scheduler", clock)
     executor = NotedTimers()
-    limit = RateLimit(1e-3, lambda columns: None, executor, lambda: clock.now_ns / 1e9)
+    limit = RateLimit(1e-3, lambda columns: None, executor)
     try:
         limit.pass_on(rows("a"))
         assert not executor.running

@@ -7,6 +7,7 @@ import pytest
 
 from tests.builders import S
 from tests.buses import eventually, send_until
+from tests.fakes import Clock as FakeClock
 from tests.fakes import Lines
 from tests.ros.bridge.conftest import Bridged
 from tests.ros.bridge.fake_leg import FakeRos
@@ -72,13 +73,15 @@ def test_where_both_sides_have_a_clock_neither_crosses(
     assert {read_clock(each) for each in came} == {10 * S}
 
 
-def test_a_way_may_be_closed(bridged: Bridged, sender: Node) -> None:
+def test_a_way_may_be_closed(
+    bridged: Bridged, sender: Node, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """By the option: the clock of the other side is heard, and does not cross."""
     clock = bridged(clock="from-ros").clock
     publisher = sender.create_clock_publisher()
     send_until(lambda: publisher.publish(Clock(100 * S)), lambda: "to ROS" in clock.last_s)
     heard_s = clock.first_s["to ROS"]
-    clock.clock_s = lambda: heard_s + 2.0
+    monkeypatch.setattr(ros_clock, "scheduler", FakeClock(round((heard_s + 2.0) * S)))
     clock.poll()
     assert clock.first_s and clock.way == ""
 

@@ -1,6 +1,10 @@
 """The graph of ROS over Zenoh, by the tokens that come and go."""
 
-from tfbus.ros.bridge.legs import RosPublisher
+import pytest
+
+from tests.builders import S
+from tests.fakes import Clock
+from tfbus.ros.bridge.legs import RosPublisher, zenoh
 from tfbus.ros.bridge.legs.zenoh import RosGraph
 from tfbus.ros.rmw_zenoh import Kind, RosToken, gid_of
 
@@ -56,19 +60,21 @@ def test_publishers_have_the_gids_of_their_tokens() -> None:
     assert [each.node for each in seen.publishers("/tf")] == ["/arm"]
 
 
-def test_a_gid_without_a_token_is_that_of_the_only_publisher_of_its_session() -> None:
+def test_a_gid_without_a_token_is_that_of_the_only_publisher_of_its_session(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Once no token of its own is to be expected; until that publisher is gone, also where the
     session has others since.
     """
     camera = token("camera")
     seen = graph(camera, token("arm", session="b2"), token("arm2", session="b2"))
-    now_s = 100.0
-    seen.clock_s = lambda: now_s
+    clock = Clock(100 * S)
+    monkeypatch.setattr(zenoh, "scheduler", clock)
     for gid, session in (("11", "a1"), ("22", "b2"), ("33", "")):
         seen.heard("/tf", gid, lambda session=session: session)
     seen.heard("/scan", "44", lambda: "a1")
     assert len(seen.publishers("/tf")) == 3
-    now_s += 1.0
+    clock.now_ns += S
     made_up = RosPublisher("11", "/camera")
     assert len(seen.publishers("/tf")) == 4 and made_up in seen.publishers("/tf")
     assert seen.publishers("/scan") == []
@@ -79,7 +85,9 @@ def test_a_gid_without_a_token_is_that_of_the_only_publisher_of_its_session() ->
     assert made_up not in seen.publishers("/tf")
 
 
-def test_a_gid_whose_token_comes_late_is_never_that_of_another() -> None:
+def test_a_gid_whose_token_comes_late_is_never_that_of_another(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """It may come after messages of the publisher, those of others of its session before."""
     early, late = token("early"), token("late")
     seen = graph(early)
@@ -87,17 +95,17 @@ def test_a_gid_whose_token_comes_late_is_never_that_of_another() -> None:
     seen.heard("/tf", gid, lambda: "a1")
     assert [each.node for each in seen.publishers("/tf")] == ["/early"]
     seen.on_token(late, True)
-    seen.clock_s = lambda: 1e9
+    monkeypatch.setattr(zenoh, "scheduler", Clock(10**9 * S))
     assert RosPublisher(gid, "/late") in seen.publishers("/tf")
     assert len(seen.publishers("/tf")) == 2
 
 
-def test_made_up_gids_are_limited() -> None:
+def test_made_up_gids_are_limited(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest make room."""
     seen = graph(token("camera"))
     for number in range(2000):
         seen.heard("/tf", str(number), lambda: "a1")
-    seen.clock_s = lambda: 1e9
+    monkeypatch.setattr(zenoh, "scheduler", Clock(10**9 * S))
     assert len(seen.publishers("/tf")) == 1001
     assert RosPublisher("1999", "/camera") in seen.publishers("/tf")
 

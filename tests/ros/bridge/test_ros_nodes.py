@@ -13,6 +13,7 @@ from tests.ros.bridge.tf_node import TfNode
 from tests.simulated_bus import Bus
 from tfbus import Buffer, Node, TfbusError, TransformListener, TransformStamped
 from tfbus.geometry.columns import Columns
+from tfbus.ros.bridge import ros_sources
 from tfbus.ros.tf_message import TFMessageWriter
 from tfbus.wire.keys import node_key
 
@@ -173,14 +174,14 @@ def test_it_says_that_there_is_no_ros(ros: FakeRos, bridged: Bridged) -> None:
 
 
 def test_gids_that_ros_does_not_list_are_few(
-    ros: FakeRos, bridged: Bridged, buffer: Buffer
+    ros: FakeRos, bridged: Bridged, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """They may be made up; what comes by further ones comes in the stream of the bridge, and a node
     that is listed has a stream of its own all the same.
     """
     from_ros = bridged().from_ros
     clock = Clock()
-    from_ros.sources.clock_s = lambda: clock.now_ns / S
+    monkeypatch.setattr(ros_sources, "scheduler", clock)
     [dynamic] = [each for each in ros.subscriptions if each.topic.name == "/tf"]
     for number in range(300):
         clock.now_ns += S // 100
@@ -196,7 +197,7 @@ def test_gids_that_ros_does_not_list_are_few(
 
 
 def test_a_name_that_comes_late_takes_its_frames_along(
-    ros: FakeRos, bridged: Bridged, buffer: Buffer
+    ros: FakeRos, bridged: Bridged, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """From the stream of the bridge to that of the node, static ones too."""
     robot = TfNode(ros, "robot")
@@ -204,7 +205,7 @@ def test_a_name_that_comes_late_takes_its_frames_along(
     robot.broadcast_static(at(1.0, "fixed"))
     from_ros = bridged().from_ros
     clock = Clock()
-    from_ros.sources.clock_s = lambda: clock.now_ns / S
+    monkeypatch.setattr(ros_sources, "scheduler", clock)
     send_until(lambda: robot.broadcast(at(1.0, "a", S)), lambda: bool(from_ros.sources.unknown))
     clock.now_ns = 6 * S
     eventually(lambda: {"a", "fixed"} <= set(buffer.frames()))
@@ -220,14 +221,14 @@ def test_a_name_that_comes_late_takes_its_frames_along(
 
 
 def test_a_publisher_that_ros_never_lists_is_gone_when_it_is_silent(
-    ros: FakeRos, bridged: Bridged, buffer: Buffer
+    ros: FakeRos, bridged: Bridged, buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """There is no other sign that it is gone."""
     robot = TfNode(ros, "robot")
     robot.leg.is_listed = False
     from_ros = bridged().from_ros
     clock = Clock()
-    from_ros.sources.clock_s = lambda: clock.now_ns / S
+    monkeypatch.setattr(ros_sources, "scheduler", clock)
     robot.broadcast_static(at(1.0, "fixed"))
     eventually(lambda: bool(from_ros.sources.unknown))
     clock.now_ns = 3 * S

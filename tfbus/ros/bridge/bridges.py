@@ -174,7 +174,6 @@ class CrossingRule:
         sent_there: Callable[[str], bool],
         static_there: Callable[[str], TransformStamped | None],
         on_sent_by_senior: Callable[[], object] = lambda: None,
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._options = common.options
         self._publishers = common.publishers
@@ -184,7 +183,6 @@ class CrossingRule:
         self._sent_there = sent_there
         self._static_there = static_there
         self._on_sent_by_senior = on_sent_by_senior
-        self._clock_s = clock_s
         # Frames that other bridges have sent: since when.
         self._met_s: dict[str, float] = {}
         # Frames that a bridge of this bus, which was there first, sends to ROS: when last.
@@ -205,7 +203,7 @@ class CrossingRule:
                 if len(self._of_seniors_s) >= _MOST_NAMES:
                     self._of_seniors_s.clear()
                 is_news = not self.sent_by_senior(child)
-                self._of_seniors_s[child] = self._clock_s()
+                self._of_seniors_s[child] = scheduler.monotonic()
                 if is_news:
                     self._on_sent_by_senior()
             return False
@@ -220,7 +218,7 @@ class CrossingRule:
             return False
         if len(self._met_s) >= _MOST_NAMES:
             self._met_s.clear()
-        now_s = self._clock_s()
+        now_s = scheduler.monotonic()
         return now_s >= self._met_s.setdefault(child, now_s) + _GRACE_S
 
     def static_crosses(self, source: RosSource, child: str, transform: TransformStamped) -> bool:
@@ -237,4 +235,4 @@ class CrossingRule:
     def sent_by_senior(self, child: str) -> bool:
         """Whether another bridge of this bus, which was there first, sends a frame to ROS."""
         last_s = self._of_seniors_s.get(child)
-        return last_s is not None and self._clock_s() < last_s + _STILL_SENT_S
+        return last_s is not None and scheduler.monotonic() < last_s + _STILL_SENT_S

@@ -117,11 +117,9 @@ class RosPublishers:
         self,
         leg: Leg,
         topics: Sequence[str],
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._leg = leg
         self._topics = topics
-        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._nodes: dict[str, str] = {}
         self._missed: dict[str, int] = {}
@@ -150,8 +148,8 @@ class RosPublishers:
 
     def find_node(self, gid: str) -> str | None:
         """The node of a publisher that is new, None if it is not known yet."""
-        if gid not in self._nodes and self._clock_s() >= self._next_poll_s:
-            self._next_poll_s = self._clock_s() + _POLL_AGAIN_S
+        if gid not in self._nodes and scheduler.monotonic() >= self._next_poll_s:
+            self._next_poll_s = scheduler.monotonic() + _POLL_AGAIN_S
             listed = self._listed()
             with self._lock:
                 self._add(listed)
@@ -171,7 +169,7 @@ class RosPublishers:
 
     def has(self, gid: str) -> bool:
         """Whether a publisher is there, or was a few seconds ago."""
-        return gid in self._nodes or self._left_s.get(gid, 0.0) > self._clock_s()
+        return gid in self._nodes or self._left_s.get(gid, 0.0) > scheduler.monotonic()
 
     def _listed(self) -> dict[str, str]:
         return {
@@ -188,7 +186,7 @@ class RosPublishers:
 
     def _forget(self, gids: set[str]) -> None:
         if gids:
-            now_s = self._clock_s()
+            now_s = scheduler.monotonic()
             self._nodes = {gid: node for gid, node in self._nodes.items() if gid not in gids}
             self._left_s = {gid: left for gid, left in self._left_s.items() if left > now_s}
             for gid in gids:
@@ -216,12 +214,10 @@ class BusStreams:
         node: Node,
         publishers: RosPublishers,
         on_change: Callable[[], object],
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._session = node.session.id
         self._publishers = publishers
         self._on_change = on_change
-        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._states: dict[str, StreamState] = {}
         self._met_s: dict[str, float] = {}
@@ -250,8 +246,8 @@ class BusStreams:
             return False
         state = self._states.get(stream)
         description = state.description if state is not None else None
-        met_s = self._met_s.setdefault(stream, self._clock_s())
-        is_new = self._clock_s() < met_s + _PATIENCE_S
+        met_s = self._met_s.setdefault(stream, scheduler.monotonic())
+        is_new = scheduler.monotonic() < met_s + _PATIENCE_S
         if description is None:
             return None if is_new else True
         if not description.origin:
@@ -339,10 +335,8 @@ class Crossed:
     def __init__(
         self,
         on_contested: Callable[[], object],
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._on_contested = on_contested
-        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._going: dict[Way, set[str]] = {"to ROS": set(), "from ROS": set()}
         # Of each frame that goes both ways: its stamps by direction, and which direction came
@@ -361,7 +355,7 @@ class Crossed:
                     if child in back:
                         begins = True
                         self._stamps[child] = {each: Bounded(_MOST_STAMPS) for each in _OTHER}
-                        self._second[child] = way, self._clock_s() + _LEARNING_S
+                        self._second[child] = way, scheduler.monotonic() + _LEARNING_S
                 is_contested |= child in self._stamps
         if begins:
             self._on_contested()
@@ -393,7 +387,7 @@ class Crossed:
         if stamp_ns in stamps[_OTHER[way]]:
             return False
         second, until_s = self._second[child]
-        if way == second and self._clock_s() < until_s:
+        if way == second and scheduler.monotonic() < until_s:
             return False
         stamps[way][stamp_ns] = None
         return True

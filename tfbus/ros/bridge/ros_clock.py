@@ -54,10 +54,9 @@ class RosClock:
         from_ros: bool,
         executor: Executor,
         once: LogOnce,
-        others: Callable[[], Sequence[RosBridge]] = lambda: (),
-        is_senior: Callable[[RosBridge], bool] = lambda other: True,
-        on_way: Callable[[], object] = lambda: None,
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
+        others: Callable[[], Sequence[RosBridge]],
+        is_senior: Callable[[RosBridge], bool],
+        on_way: Callable[[], object],
     ) -> None:
         self.way: Literal["", "to ROS", "from ROS"] = ""
         self._node = node
@@ -71,7 +70,6 @@ class RosClock:
         self._is_senior = is_senior
         self._on_way = on_way
         self._once = once
-        self.clock_s = clock_s
         self._lock = threading.Lock()
         # When each side was heard first, and last.
         self.first_s: dict[str, float] = {}
@@ -114,7 +112,7 @@ class RosClock:
             self._on_way()
 
     def _decide(self, others: Sequence[RosBridge]) -> None:
-        now_s = self.clock_s()
+        now_s = scheduler.monotonic()
         there = {side for side, last_s in self.last_s.items() if now_s < last_s + _SILENT_S}
         for side in self.first_s.keys() - there:
             del self.first_s[side]
@@ -189,7 +187,7 @@ class RosClock:
         self._publish = lambda clock: None
 
     def _heard(self, way: str) -> None:
-        now_s = self.clock_s()
+        now_s = scheduler.monotonic()
         self.last_s[way] = now_s
         self.first_s.setdefault(way, now_s)
 

@@ -184,7 +184,6 @@ class RosSources:
         make: Callable[[str, str, RosStream], RosSource],
         handle: Callable[[RosSource, bytes, bool], object],
         on_lost: Callable[[RosSource], object],
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._node = common.node
         self._publishers = common.publishers
@@ -194,7 +193,6 @@ class RosSources:
         self._make_source = make
         self._handle = handle
         self._on_lost = on_lost
-        self.clock_s = clock_s
         self._lines = lines_of(common.node.log)
         self._sources: dict[str, RosSource] = {}
         self.unknown: dict[str, _Unknown] = {}
@@ -282,8 +280,8 @@ class RosSources:
             is_kept = len(self._sources) < _MOST_PUBLISHERS and (node is not None or may_wait)
         if is_kept and node is None:
             if unknown is None:
-                unknown = self.unknown[gid] = _Unknown(self.clock_s())
-            if self.clock_s() < unknown.since_s + _UNKNOWN_S:
+                unknown = self.unknown[gid] = _Unknown(scheduler.monotonic())
+            if scheduler.monotonic() < unknown.since_s + _UNKNOWN_S:
                 return None
             self._unlisted.add(gid)
         self.unknown.pop(gid, None)
@@ -296,7 +294,7 @@ class RosSources:
         return source
 
     def _hand_over(self, source: RosSource, payload: bytes, static: bool) -> None:
-        source.heard_s = self.clock_s()
+        source.heard_s = scheduler.monotonic()
         self._handle(source, payload, static)
 
     def _make(self, gid: str, node: str) -> RosSource:
@@ -354,7 +352,7 @@ class RosSources:
         """The publishers that ROS does not list, and that send nothing."""
         nodes = self._publishers.nodes
         self._unlisted -= nodes.keys()
-        before_s = self.clock_s() - _UNLISTED_S
+        before_s = scheduler.monotonic() - _UNLISTED_S
         found = [gid for gid in self._unlisted if self._sources[gid].heard_s < before_s]
         shared = self._sources.get("")
         # With a listed one that has no source of its own it may stand for that.

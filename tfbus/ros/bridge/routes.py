@@ -109,11 +109,9 @@ class RateLimit:
         rate_hz: float,
         send: Callable[[Columns], object],
         executor: Executor,
-        clock_s: Callable[[], float] = lambda: scheduler.monotonic(),
     ) -> None:
         self._period_s = 1.0 / rate_hz
         self._send = send
-        self._clock_s = clock_s
         self._lock = threading.Lock()
         self._free_s: dict[str, float] = {}
         self._waiting: dict[str, tuple[Columns, int]] = {}
@@ -124,7 +122,7 @@ class RateLimit:
 
     def pass_on(self, rows: Columns) -> None:
         """Pass on the rows that may go now."""
-        now_s, frames = self._clock_s(), rows.frames
+        now_s, frames = scheduler.monotonic(), rows.frames
         with self._lock:
             if len(self._free_s) > _MOST_FRAMES:
                 self._free_s.clear()
@@ -143,7 +141,7 @@ class RateLimit:
 
     def flush(self) -> None:
         """Pass on the rows that have waited long enough."""
-        now_s = self._clock_s()
+        now_s = scheduler.monotonic()
         with self._lock:
             ready = {
                 child: row

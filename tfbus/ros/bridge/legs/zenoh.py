@@ -82,14 +82,11 @@ class _Untold:
 class RosGraph:
     """The tokens of others that are alive: tokens of the session `own` are left out."""
 
-    def __init__(
-        self, domain: int, own: str, clock_s: Callable[[], float] = lambda: scheduler.monotonic()
-    ) -> None:
+    def __init__(self, domain: int, own: str) -> None:
         # Tokens that are not of that form, or beyond the bound.
         self.dropped = 0
         self._domain = domain
         self._own = own
-        self.clock_s = clock_s
         self._lock = threading.Lock()
         self._elsewhere: Counter[int] = Counter()
         self._tokens: dict[str, RosToken] = {}
@@ -139,7 +136,7 @@ class RosGraph:
             return
         with self._lock:
             if gid not in self.gids:
-                self._untold[topic, gid] = _Untold(session(), self.clock_s())
+                self._untold[topic, gid] = _Untold(session(), scheduler.monotonic())
 
     def publishers(self, topic: str) -> list[RosPublisher]:
         """The publishers of a topic, in order of their gids. A publisher that puts other
@@ -159,7 +156,7 @@ class RosGraph:
         if untold.token not in there:
             untold.token = ""
             of_session = [each for each in there if self._tokens[each].session == untold.session]
-            is_late = self.clock_s() >= untold.since_s + _MADE_UP_AFTER_S
+            is_late = scheduler.monotonic() >= untold.since_s + _MADE_UP_AFTER_S
             if is_late and len(of_session) == 1:
                 untold.token = of_session[0]
         return untold.token

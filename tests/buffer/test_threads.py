@@ -6,6 +6,8 @@ a stamp and the pose of another, does not.
 """
 
 import math
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,6 +21,7 @@ from tests.fakes import InAThread
 from tfbus.base.errors import ExtrapolationException, LookupException, TransformException
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.formats import as_yaml
+from tfbus.buffer.lock import Lock
 from tfbus.geometry.batch import TransformBatch
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.transform import Transform, TransformStamped
@@ -219,3 +222,32 @@ def test_lookups_go_on_while_many_frames_of_a_stream_change(name: str) -> None:
     calls[name]()
     count = 0 if name == "remove_sent" else 1000
     assert len(buffer.sent_by("sim")) == count
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_child_finds_the_lock_free() -> None:
+    """Whatever another thread does with a buffer meanwhile: the child has no thread to leave it."""
+    lock = Lock(lambda: None)
+    is_held, is_over = threading.Event(), threading.Event()
+
+    def hold_it_again_and_again() -> None:
+        while not is_over.wait(0.001):
+            with lock:
+                is_held.set()
+                any(number < 0 for number in range(200_000))
+                is_held.clear()
+
+    holder = InAThread(hold_it_again_and_again)
+    ends = []
+    while len(ends) < 5 and not any(ends):
+        is_held.wait()
+        child = os.fork()
+        if child == 0:
+            signal.alarm(20)
+            with lock:
+                os._exit(0)
+        ends.append(os.waitpid(child, 0)[1])
+    is_over.set()
+    holder.result()
+    assert ends == 5 * [0]

@@ -16,6 +16,8 @@ from tfbus.cli import main
 
 pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
 
+from cryptography.hazmat.primitives import serialization
+
 from tfbus.bus.identity_folder import open_folder
 from tfbus.bus.keystore import Keystore, write_private
 from tfbus.bus.rights import Identity
@@ -153,6 +155,27 @@ def spoil_certificate(store: Keystore) -> None:
     (store.path / "arm" / "certificate.pem").write_text("spoilt")
 
 
+def spoil_authority(store: Keystore) -> None:
+    (store.path / "authority" / "certificate.pem").write_text("spoilt")
+
+
+def spoil_authority_key(store: Keystore) -> None:
+    path = store.path / "authority" / "key.pem"
+    key = serialization.load_pem_private_key(path.read_bytes(), None)
+    write_private(
+        path,
+        key.private_bytes(
+            serialization.Encoding.PEM,
+            serialization.PrivateFormat.PKCS8,
+            serialization.BestAvailableEncryption(b"secret"),
+        ),
+    )
+
+
+def exchange_authority_key(store: Keystore) -> None:
+    shutil.copy(store.path / "arm" / "key.pem", store.path / "authority" / "key.pem")
+
+
 def spoil_rights(store: Keystore) -> None:
     store.export("arm", store.path.parent / "away")
     store.add(Identity("leg", "reader"), days=90)
@@ -173,6 +196,9 @@ def spoil_former(store: Keystore) -> None:
         (spoil_key, "arm: its private key is not that of its certificate"),
         (spoil_certificate, "arm: a file is not a certificate or key"),
         (spoil_rights, "arm: its machine has the former rights of leg: tfbus keys export arm"),
+        (spoil_authority, "authority/certificate.pem is no certificate"),
+        (spoil_authority_key, "the private key is encrypted"),
+        (exchange_authority_key, "the private key is not that of the certificate"),
         (spoil_former, "arm: its machine has the former rights of arm: tfbus keys export arm"),
     ],
 )
@@ -209,6 +235,8 @@ def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, r
         (("add", "leg"), 2, "Missing option '--role'"),
         (("add", "leg", "--role", "boss"), 2, "'boss' is not one of"),
         (("add", "leg", "--role", "reader", "--frames", "a**"), 2, "whole parts"),
+        (("add", "leg", "--role", "reader", "--hosts", "müller"), 2, "use ASCII letters"),
+        (("add", "leg", "--role", "reader", "--hosts", ""), 2, "use ASCII letters"),
         (("renew", "leg"), 2, "there is no identity 'leg'"),
         (("revoke", "amr"), 2, "did you mean 'arm'"),
         (("export", "leg"), 2, "there is no identity 'leg'"),
@@ -222,6 +250,53 @@ def test_a_mistake_is_one_sentence(
     result, output = keys(store, *arguments)
     assert (result, message in output) == (code, True), output
     assert sorted(store.path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("spoil", "reason"),
+    [
+        (spoil_authority, "are no authority"),
+        (spoil_authority_key, "the private key is encrypted"),
+        (exchange_authority_key, "the private key is not that of the certificate"),
+    ],
+)
+def test_a_spoilt_authority_issues_nothing(store: Keystore, spoil: object, reason: str) -> None:
+    """An identity that no bus would accept is not made, and a sentence says why."""
+    assert callable(spoil)
+    spoil(store)
+    code, output = keys(store, "add", "leg", "--role", "reader")
+    assert (code, reason in output) == (2, True), output
+    assert not (store.path / "leg").exists()
+
+
+def test_an_expired_authority_issues_nothing(tmp_path: Path) -> None:
+    """Its identities would have ended with it."""
+    store = Keystore.init(tmp_path / "keys", days=-0.001)
+    code, output = keys(store, "add", "arm", "--role", "reader")
+    assert (code, "expired on" in output, "keys init" in output) == (2, True, True), output
+
+
+def test_an_authority_that_ends_soon_is_not_to_be_renewed_as_an_identity(tmp_path: Path) -> None:
+    """The remedy is a new authority."""
+    (problem,) = Keystore.init(tmp_path / "keys", days=3).problems()
+    assert "keys init" in problem
+    assert "renew" not in problem
+
+
+@pytest.mark.parametrize("kept", ["certificate.pem", "key.pem", ""])
+def test_an_authority_is_never_replaced(store: Keystore, kept: str) -> None:
+    """`init` refuses a keystore of which parts are kept elsewhere, and its rights stay."""
+    for name in {"certificate.pem", "key.pem"} - {kept}:
+        (store.path / "authority" / name).unlink()
+    before = {path: path.read_bytes() for path in store.path.rglob("*.*")}
+    result = CliRunner().invoke(main, ["keys", "init", str(store.path)])
+    assert (result.exit_code, "authority" in result.output) == (2, True), result.output
+    assert {path: path.read_bytes() for path in store.path.rglob("*.*")} == before
+
+
+def test_a_keystore_s_folder_may_have_a_long_name(tmp_path: Path) -> None:
+    """The authority's name, which X.509 limits, has its beginning."""
+    assert Keystore.init(tmp_path / ("ä" * 100), days=1).listed() == []
 
 
 def test_the_keystore_itself_is_no_identity(store: Keystore) -> None:

@@ -149,6 +149,9 @@ def test_without_a_file_it_says_how() -> None:
     ("arguments", "said"),
     [
         (["-m", "turtle1/pose"], "'turtle1/pose' is not of the form --remap FROM:=TO"),
+        (["-m", "turtle1/pose:=a b"], "'a b' cannot be the name of a topic or stream"),
+        (["-m", "sim:=*"], "'*' cannot be the name of a topic or stream"),
+        (["-m", "sim:=/"], "'' cannot be the name of a topic or stream"),
         (["--from", "9"], r"\(2\.0 s\): --from, .*, is after its end"),
         (["--start", "1.5", "--until", "0.5"], "--to, .*, is before --from"),
         (["--to", "2001-01-01"], "--to, .*, is before its beginning"),

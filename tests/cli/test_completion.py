@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping
 from functools import partial
+from itertools import count
 from pathlib import Path
 
 import click
@@ -27,6 +28,7 @@ from tfbus import (
 from tfbus.cli import main
 from tfbus.cli.completion import SHELLS, Bash
 from tfbus.cli.message import complete_values, prototype, supplied_names, supplied_type
+from tfbus.command import names
 from tfbus.command.names import LiveNames, live_names, look_for_names
 from tfbus.messages import Pose, Spawn, Twist
 from tfbus.recording.items import TopicItem
@@ -372,6 +374,27 @@ class TestNames:
         (file,) = (tmp_path / "tfbus").iterdir()
         os.utime(file, (0, 0))
         eventually(lambda: live_names(SETTINGS).nodes == () or forget(os.environ))
+
+    def test_each_identity_and_configuration_has_its_own(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """Names of an open bus are not remembered for a closed one, nor another folder's files."""
+        pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+        from tfbus.bus.keystore import Keystore
+        from tfbus.bus.rights import Identity
+
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+        monkeypatch.setattr(
+            names, "look_for_names", lambda settings: LiveNames(nodes=(f"node{next(numbers)}",))
+        )
+        numbers = count(1)
+        found = [live_names(NodeSettings("looker"))]
+        for folder in ("here", "there"):
+            (tmp_path / folder).mkdir()
+            monkeypatch.chdir(tmp_path / folder)
+            Keystore.init(Path("keys"), days=1).add(Identity("arm", "reader"), days=1)
+            found.append(live_names(NodeSettings("arm", secure="keys/arm")))
+        assert [each.nodes for each in found] == [("node1",), ("node2",), ("node3",)]
 
     @pytest.mark.parametrize("content", ["", "[]", "{", json.dumps({"frames": 5}), "\0"])
     def test_an_unreadable_cache_is_ignored(

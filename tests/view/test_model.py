@@ -33,7 +33,9 @@ from tfbus.view.settings import (
     PatternError,
     Playback,
     ViewSettings,
+    holds_settings,
     load_settings,
+    read_settings,
     save_settings,
 )
 
@@ -296,6 +298,8 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
         ("- a", "is not a map of settings"),
         ("a: [", "is not YAML"),
         ("[" * 5000, "nested too deeply"),
+        (f"scale: {10**400}", "scale must be from 0.1 to 10, got inf"),
+        ("topics: [{topic: a, color_min: .nan}]", "color_min must be a finite number or auto"),
     ],
 )
 def test_wrong_settings_are_refused_in_one_sentence(
@@ -308,6 +312,22 @@ def test_wrong_settings_are_refused_in_one_sentence(
         load_settings(path)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_few_letters_that_stand_for_billions_of_values_are_refused() -> None:
+    """A browser may send such a file: the error does not spell it out."""
+    lines = ["- &a0 [x, x, x, x, x, x, x, x, x, x]"]
+    lines += [f"- &a{n} [{', '.join(10 * [f'*a{n - 1}'])}]" for n in range(1, 6)]
+    with pytest.raises(SettingsError) as caught:
+        read_settings("\n".join(["hidden:", *lines]), "bomb.yaml")
+    assert str(caught.value) == "bomb.yaml: hidden must be a list of names, got a list"
+
+
+@pytest.mark.parametrize("written", ["a: 2001-13-45", "[" * 5000, "a: [", "- axes"])
+def test_a_file_that_is_not_yaml_holds_no_settings(tmp_path: Path, written: str) -> None:
+    """Whatever it is, it is read as the file that the user says it is."""
+    (tmp_path / "zenoh.json5").write_text(written)
+    assert not holds_settings(tmp_path / "zenoh.json5")
 
 
 # Texts

@@ -39,7 +39,7 @@ class ReplayedNames:
     """`prefix` is a namespace that all names go into, "" for none. `remappings` have another name
     for some, which gets no prefix. Names are full, with or without a slash before them.
 
-    Raises InvalidNameError if the prefix is no namespace.
+    Raises InvalidNameError if the prefix is no namespace, or nothing can have a new name.
     """
 
     prefix: str = ""
@@ -47,7 +47,10 @@ class ReplayedNames:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "prefix", check_namespace(self.prefix))
-        pairs = {old.lstrip("/"): new.lstrip("/") for old, new in self.remappings.items()}
+        pairs = {
+            old.lstrip("/"): check_topic(new.lstrip("/"), kind="topic or stream")
+            for old, new in self.remappings.items()
+        }
         object.__setattr__(self, "remappings", pairs)
 
     def topic(self, name: str) -> str:

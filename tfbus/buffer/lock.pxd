@@ -33,7 +33,7 @@ cdef class Lock:
     cdef bint _disturbed
     cdef cython.pymutex _mutex
     cdef list _queue, _later
-    cdef object _settle
+    cdef object _settle, __weakref__
 
     cdef bint enter(self) except -1
     cdef int leave(self) except -1

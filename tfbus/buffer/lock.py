@@ -10,12 +10,16 @@ Python may run other code of a program while a thread holds the lock: a signal h
 finalizer that the garbage collector calls. If that uses the buffer, it must not wait for its own
 thread. It may read. Its writes are done when the lock is left: the holder does not expect a
 change.
+
+A fork waits until all locks are free: no thread of a forked child could leave one that was held.
 """
 
 import logging
+import os
 import threading
 from collections.abc import Callable
 from typing import Any
+from weakref import WeakSet
 
 try:
     import cython
@@ -47,6 +51,7 @@ class Lock:
 
     def __init__(self, settle: Callable[[], object]) -> None:
         self._settle = settle
+        _locks.add(self)
         # How often the holder has entered again and not left, and whether it has entered again.
         self._depth = 0
         self._disturbed = False
@@ -142,6 +147,12 @@ class Lock:
             finally:
                 self.enter()
 
+    def begin_anew(self) -> None:
+        """In a forked child, with the lock held: forget the threads that wait, which are gone."""
+        if cython.compiled:
+            self._queue = []
+            self._wanted = 0
+
     def __enter__(self) -> bool:
         return self.enter()
 
@@ -210,3 +221,36 @@ class Lock:
                 call()
             except Exception:
                 _log.exception("A call from within another one of the same buffer failed")
+
+
+# All of this process, and the ones that a thread holds while it forks; one thread does at a time.
+_locks: WeakSet[Lock] = WeakSet()
+_held: list[Lock] = []
+_forking = threading.Lock()
+
+
+def _before_fork() -> None:
+    _forking.acquire()
+    for lock in list(_locks):
+        lock.__enter__()
+        _held.append(lock)
+
+
+def _after_fork() -> None:
+    while _held:
+        _held.pop().__exit__()
+    _forking.release()
+
+
+def _after_fork_in_child() -> None:
+    for lock in _held:
+        lock.begin_anew()
+    _after_fork()
+
+
+if hasattr(os, "register_at_fork"):  # Windows has no forks
+    os.register_at_fork(
+        before=_before_fork,
+        after_in_parent=_after_fork,
+        after_in_child=_after_fork_in_child,
+    )

@@ -20,7 +20,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from tfbus.base.errors import SettingsError, TfbusError
 from tfbus.base.whole_file import replacing, taking_place_of
-from tfbus.base.wording import counted, listed
+from tfbus.base.wording import counted, listed, printable
 from tfbus.bus.identity_folder import (
     AUTHORITY,
     AUTHORITY_FILE,
@@ -209,7 +209,16 @@ def _host(host: str) -> x509.GeneralName:
     try:
         return x509.IPAddress(ipaddress.ip_address(host))
     except ValueError:
-        return x509.DNSName(host)
+        pass
+    try:
+        if host:
+            return x509.DNSName(host)
+    except ValueError:  # letters beyond ASCII
+        pass
+    raise SettingsError(
+        f"'{printable(host, 60)}' is no name or address of a machine: use ASCII letters, digits, "
+        "'-' and '.', or an address such as 10.0.0.7"
+    )
 
 
 def _pem(certificate: x509.Certificate) -> bytes:
@@ -225,7 +234,11 @@ def _key_pem(key: ec.EllipticCurvePrivateKey) -> bytes:
 
 
 def _read_key(pem: bytes) -> ec.EllipticCurvePrivateKey:
-    key = serialization.load_pem_private_key(pem, None)
+    """A private key. Raises ValueError if it is none, or encrypted."""
+    try:
+        key = serialization.load_pem_private_key(pem, None)
+    except TypeError as error:
+        raise ValueError("the private key is encrypted") from error
     if not isinstance(key, ec.EllipticCurvePrivateKey):
         raise ValueError("the private key is not of an elliptic curve")
     return key
@@ -234,6 +247,9 @@ def _read_key(pem: bytes) -> ec.EllipticCurvePrivateKey:
 # The rights that an identity's folder had when it was exported last: its machine has them.
 _EXPORTED_FILE = "exported.yaml"
 _SOON = timedelta(days=30)
+_NEW_AUTHORITY = "tfbus keys init DIR makes a new one, which needs new identities"
+# X.509's limit of a common name.
+_MOST_NAME_BYTES = 64
 
 
 @dataclass(frozen=True)
@@ -257,15 +273,22 @@ class Keystore:
     def init(cls, path: Path, days: float) -> "Keystore":
         """Make the folder and its authority. Raises SettingsError if there is one."""
         store = cls(path)
-        if store._authority_file(KEY_FILE).exists():
+        key, certificate = map(store._authority_file, (KEY_FILE, CERTIFICATE_FILE))
+        # The private key may be kept elsewhere.
+        if certificate.exists():
             raise SettingsError(f"{path} has an authority already; tfbus keys add makes identities")
+        for left in (key, path / RIGHTS_FILE):
+            if left.exists():
+                raise SettingsError(
+                    f"{path} had an authority, and has {left} of it: put back its certificate "
+                    f"{certificate}, which each identity has as {AUTHORITY_FILE}, or remove {left}"
+                )
         path.mkdir(parents=True, exist_ok=True)
-        own = path / AUTHORITY
-        own.mkdir(mode=0o700, exist_ok=True)
-        issued = make_authority(f"tfbus authority {path.resolve().name}", days)
-        write_private(own / KEY_FILE, issued.key)
-        _write(own / CERTIFICATE_FILE, issued.certificate)
+        certificate.parent.mkdir(mode=0o700, exist_ok=True)
+        issued = make_authority(_authority_name(path), days)
+        write_private(key, issued.key)
         write_rights(path / RIGHTS_FILE, Rights())
+        _write(certificate, issued.certificate)
         return store
 
     @classmethod
@@ -343,10 +366,15 @@ class Keystore:
     def problems(self) -> Iterator[str]:
         """Mistakes of now or of soon: missing, expired, readable by others, not matching."""
         authority = self._authority_file(CERTIFICATE_FILE).read_bytes()
-        yield from _time_problems("the authority", facts_of(authority))
-        key = self._authority_file(KEY_FILE)
-        if key.exists():
-            yield from _key_problems(key)
+        try:
+            yield from _time_problems("the authority", facts_of(authority), _NEW_AUTHORITY)
+            if self._authority_file(KEY_FILE).exists():
+                self._read_authority()
+        except SettingsError as error:
+            yield str(error)
+        except ValueError as error:
+            yield f"{self._authority_file(CERTIFICATE_FILE)} is no certificate: {error}"
+            return
         rights = self.rights
         for name, identity in rights.identities.items():
             folder = self.path / name
@@ -362,6 +390,8 @@ class Keystore:
 
     def _issue(self, identity: Identity, days: float) -> Path:
         authority = self._read_authority()
+        if mistake := facts_of(authority.certificate).mistake():
+            raise SettingsError(f"the authority of {self.path}: {mistake}; {_NEW_AUTHORITY}")
         issued = issue(authority, identity.name, days, identity.hosts)
         folder = self.path / identity.name
         folder.mkdir(mode=0o700, exist_ok=True)
@@ -380,10 +410,24 @@ class Keystore:
                 "identities, and nowhere else"
             )
         check_key_is_own(key)
-        return Issued(self._authority_file(CERTIFICATE_FILE).read_bytes(), key.read_bytes())
+        issued = Issued(self._authority_file(CERTIFICATE_FILE).read_bytes(), key.read_bytes())
+        try:
+            if not is_key_of(issued.key, issued.certificate):
+                raise ValueError("the private key is not that of the certificate")
+        except ValueError as error:
+            raise SettingsError(
+                f"{key} and {CERTIFICATE_FILE} beside it are no authority: {error}; put back both "
+                "as tfbus keys init made them"
+            ) from error
+        return issued
 
     def _authority_file(self, name: str) -> Path:
         return self.path / AUTHORITY / name
+
+
+def _authority_name(folder: Path) -> str:
+    name = f"tfbus authority {folder.resolve().name}"
+    return name.encode("utf-8", "replace")[:_MOST_NAME_BYTES].decode("utf-8", "ignore")
 
 
 def write_private(path: Path, content: bytes) -> None:
@@ -439,11 +483,11 @@ def _certificate_problems(name: str, folder: Path, authority: bytes) -> Iterator
         yield f"{name}: its certificate is of {facts.name!r}: tfbus keys renew {name}"
     if not is_signed_by(pem, authority):
         yield f"{name}: its certificate is of another authority: tfbus keys renew {name}"
-    yield from _time_problems(name, facts)
+    yield from _time_problems(name, facts, f"tfbus keys renew {name}")
 
 
-def _time_problems(name: str, facts: Facts) -> Iterator[str]:
+def _time_problems(name: str, facts: Facts, remedy: str) -> Iterator[str]:
     if mistake := facts.mistake():
         yield f"{name}: {mistake}"
     elif facts.ends - datetime.now(UTC) < _SOON:
-        yield f"{name}: expires on {facts.ends:%Y-%m-%d}: tfbus keys renew {name}"
+        yield f"{name}: expires on {facts.ends:%Y-%m-%d}: {remedy}"

@@ -101,7 +101,8 @@ def _names(described: "Described", namespace: str) -> LiveNames:
 
 def _cache_file(settings: NodeSettings) -> Path:
     """A file for each place on the bus."""
-    place = (settings.namespace, settings.mode, settings.connect, settings.listen, settings.config)
+    files = [each and os.path.abspath(each) for each in (settings.config, settings.secure)]
+    place = (settings.namespace, settings.mode, settings.connect, settings.listen, *files)
     name = hashlib.sha256(repr(place).encode()).hexdigest()[:16]
     folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(folder) / "tfbus" / f"names-{name}.json"

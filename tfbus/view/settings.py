@@ -1,6 +1,8 @@
 """The choices of users: settings, also as a YAML file, the selected frames, and the time shown."""
 
+import math
 import re
+import sys
 import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
@@ -12,7 +14,7 @@ import yaml
 
 from tfbus.base.errors import SettingsError
 from tfbus.base.whole_file import replacing
-from tfbus.base.wording import did_you_mean
+from tfbus.base.wording import did_you_mean, printable
 from tfbus.base.yaml_file import yaml_mistake
 from tfbus.wire.keys import relative
 
@@ -186,6 +188,8 @@ RANGES = {
     "quality": (5.0, 95.0),
 }
 
+_MOST_NUMBER = sys.float_info.max
+
 # Of settings whose name does not say it.
 _UNITS = {"size": "cm", "voxel": "cm"}
 
@@ -241,7 +245,7 @@ def holds_settings(path: Path) -> bool:
     """Whether a file is evidently one that the page saved: a map of settings only."""
     try:
         values = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+    except (OSError, RecursionError, ValueError, yaml.YAMLError):
         return False
     return isinstance(values, dict) and bool(values) and values.keys() <= _FIELDS.keys()
 
@@ -267,7 +271,7 @@ def written_settings(settings: ViewSettings) -> bytes:
 
 def _read_topic(value: object) -> TopicSettings:
     if not isinstance(value, dict) or "topic" not in value:
-        raise SettingsError(f"topics must be a list of maps with a topic, got {value!r}")
+        raise SettingsError(f"topics must be a list of maps with a topic, got {_shown(value)}")
     return TopicSettings(**{name: _read(name, each, _OF_TOPIC) for name, each in value.items()})
 
 
@@ -303,21 +307,23 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
     wanted = known[name]
     if name == "topics":
         if not isinstance(value, list):
-            raise SettingsError(f"topics must be a list of maps with a topic, got {value!r}")
+            raise SettingsError(f"topics must be a list of maps with a topic, got {_shown(value)}")
         return tuple(map(_read_topic, value))
     if wanted is tuple:
         if isinstance(value, list) and all(isinstance(item, str) for item in value):
             return tuple(value)
-        raise SettingsError(f"{name} must be a list of names, got {value!r}")
+        raise SettingsError(f"{name} must be a list of names, got {_shown(value)}")
     if wanted is type(None) and value in (None, "auto"):
         return None
     if wanted in (float, type(None)) and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
+        value = math.inf if abs(value) > _MOST_NUMBER else float(value)
     kind: type = type(value)
     if kind is not (float if wanted is type(None) else wanted):
-        raise SettingsError(f"{name} must be {_KINDS[wanted]}, got {value!r}")
+        raise SettingsError(f"{name} must be {_KINDS[wanted]}, got {_shown(value)}")
     if name in RANGES:
         _check_range(name, value)
+    if wanted is type(None) and not abs(value) <= _MOST_NUMBER:
+        raise SettingsError(f"{name} must be a finite number or auto, got {value:g}")
     if name == "shapes" and value not in SHAPES:
         raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
     if name == "rgb" and not re.fullmatch("(#?[0-9a-fA-F]{6})?", value):
@@ -325,6 +331,15 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
     if name in ("only", "never"):
         NameFilter(value)
     return value
+
+
+def _shown(value: object) -> str:
+    """A wrong value, as an error says it. A browser may have sent the file, in which a few letters
+    can stand for billions of values.
+    """
+    if isinstance(value, str | bytes):
+        return f"'{printable(str(value), 60)}'"
+    return {list: "a list", dict: "a map", set: "a set"}.get(type(value)) or f"{value!r}"
 
 
 def _check_range(name: str, value: float) -> None:

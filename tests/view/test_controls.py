@@ -92,15 +92,44 @@ def test_a_setting_keeps_what_a_browser_chose_before_a_refresh() -> None:
     assert handle.value == view.settings.scale == 2.5
 
 
-def test_each_event_is_taken_from_its_browser_in_order() -> None:
-    """Although all browsers type into one field."""
+def typed(page: str, *frames: str, first: int = 1) -> str:
+    """The text of a page that has selected frames, one event after another."""
+    events = [
+        {"do": "select", "frame": name, "n": number} for number, name in enumerate(frames, first)
+    ]
+    return json.dumps({"page": page, "events": events})
+
+
+def test_each_event_is_taken_from_its_browser_once_and_in_order() -> None:
+    """Although all browsers type into one field, and each types its events again."""
     channel, field = Channel(), Handle(value="")
     taken: list[tuple[int, str]] = []
     channel.on("select", lambda event: taken.append((event["client"], event["frame"])))
     channel.listen(field)
-    for client, frame in ((1, "arm"), (2, "base"), (1, "map")):
-        field.set_by(json.dumps({"do": "select", "frame": frame}), client)()
-    assert taken == [(1, "arm"), (2, "base"), (1, "map")]
+    for client, text in (
+        (1, typed("a", "arm")),
+        (2, typed("b", "base")),
+        (1, typed("a", "arm", "map", "tool")),
+        (2, typed("b", "base")),
+        (1, typed("a", "map", "tool", first=2)),
+    ):
+        field.set_by(text, client)()
+    assert taken == [(1, "arm"), (2, "base"), (1, "map"), (1, "tool")]
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "3", "[" * 100_000, "{}", '{"page": 1, "events": 2}', '{"page": "a", "events": [3]}']
+    + [
+        f'{{"page": "a", "events": [{{"do": "select", "n": {n}}}]}}'
+        for n in ("NaN", '"x"', "1e999")
+    ],
+)
+def test_a_text_that_is_no_list_of_events_is_ignored(text: str) -> None:
+    """Any program may type it."""
+    channel = Channel()
+    channel.on("select", lambda event: pytest.fail(str(event)))
+    channel.read(text, 1)
 
 
 def test_a_file_of_settings_replaces_them_and_a_wrong_one_does_not() -> None:

@@ -12,7 +12,7 @@ from tests.live_bus import Bus
 from tests.view.pages import Arm, View, eventually, start_view
 from tfbus import BusError, Node
 from tfbus.bus.presence import describe_nodes
-from tfbus.messages import Image, PointCloud, PoseStamped
+from tfbus.messages import Image, PointCloud, PointStamped, PoseStamped
 from tfbus.view.screenshot import CLOSE_NOTES, OPEN_TAB
 from tfbus.wire.descriptions import NodeDescription
 
@@ -65,6 +65,42 @@ def test_the_tab_with_the_images_is_opened_for_a_picture(bus: Bus, pages: Any) -
     view.page.get_by_role("tab", name="Data").wait_for()
     view.page.evaluate(OPEN_TAB.format('"Data"'))
     view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
+
+
+# The use of tools in quick succession.
+_USES = """
+const at = [0.5, 0.8];
+for (const tool of ['goal', 'point', 'goal', 'point', 'goal'])
+  tfbus({do: 'tool', tool, from: at, to: at, step: 1});
+"""
+
+
+def test_no_use_of_a_tool_is_lost(bus: Bus, pages: Any) -> None:
+    """By its key on any tab, through the notes of the page, and however quickly one follows
+    another.
+    """
+    _, address = start_view(bus)
+    view = View(pages.new_page(), address)
+    note = view.page.locator(".mantine-Notification-root").first
+    note.wait_for()
+    view.page.keyboard.press("c")
+    view.page.locator(".tf-aim").wait_for()
+    covered = note.evaluate(
+        "note => { const box = note.getBoundingClientRect(); return document.elementFromPoint("
+        "box.x + box.width / 2, box.y + box.height / 2).className; }"
+    )
+    assert covered == "tf-aim"
+    robot = bus.node("robot")
+    Arm(robot)
+    sent: list[str] = []
+    for kind, topic in ((PoseStamped, "goal_pose"), (PointStamped, "clicked_point")):
+        robot.create_subscription(kind, topic, lambda message, to=topic: sent.append(to))
+    view.wait_for_status("tool", "dynamic")
+    view.page.evaluate(_USES)
+    uses = ["clicked_point"] * 2 + ["goal_pose"] * 3
+    eventually(lambda: len(sent) >= len(uses))
+    assert sorted(sent) == uses
+    assert view.errors == []
 
 
 def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) -> None:

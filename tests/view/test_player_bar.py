@@ -99,7 +99,7 @@ def test_events_that_no_browser_of_ours_sends_change_nothing(
     gui: Gui, playhead: Playhead, event: dict[str, object]
 ) -> None:
     """Any program may send them."""
-    bar(gui, playhead).receive(json.dumps(event), 1)
+    bar(gui, playhead).receive(event, 1)
     assert playhead.progress == Progress(START, END, START, is_paused=True)
 
 

@@ -1,6 +1,5 @@
 """RViz's tools: the message of a drag or a click on the scene, and the place that it meets."""
 
-import json
 import math
 import re
 from types import SimpleNamespace
@@ -64,6 +63,29 @@ def test_each_tool_sends_the_message_of_rviz_on_its_topic(bus: Bus) -> None:
         assert abs(message.stamp_ns - view.now_ns()) < 5_000_000_000
 
 
+def test_a_goal_that_nobody_heard_is_told_as_such(bus: Bus) -> None:
+    """Also once somebody subscribes: it is not sent again by itself."""
+    robot, tools = bus.node("robot"), ToolPublishers(bus.node("view"))
+    tools.keep(ViewSettings())
+    gui: Any = Gui()
+    goal = TOOLS["goal"]
+    panel = ToolsPanel(gui, ViewState(ViewSettings()), Channel(), tools)
+
+    def sends() -> str:
+        panel.note(goal, "goal_pose: here", was_heard=tools.is_heard(goal))
+        return shows()
+
+    def shows() -> str:
+        panel.refresh(0.0, lambda topic: 1)
+        return str(gui.texts[-1].content)
+
+    assert "nobody subscribed" in sends()
+    robot.create_subscription(PoseStamped, "goal_pose", lambda message: None)
+    eventually(lambda: tools.is_heard(goal))
+    assert "nobody subscribed" in shows()
+    assert "goal_pose: here; 1 subscription" in sends()
+
+
 def test_another_topic_replaces_the_publisher_and_a_wrong_one_is_named(bus: Bus) -> None:
     """The others stay."""
     tools = ToolPublishers(bus.node("view"))
@@ -125,7 +147,7 @@ class Above:
         """A click on a point of the ground, or on a plate above it; what is measured then."""
         part = [0.5 + x / (10.0 - height_m), 0.5 - y / (10.0 - height_m)]
         sent = {"do": "tool", "tool": "measure", "from": part, "to": part, "step": step}
-        self.channel.receive(json.dumps(sent), 0)
+        self.channel.receive(sent, 0)
         far = 10.0 - height_m if height_m else math.inf
         self._pointing.use(frame, 0.5, lambda ray: far / -ray.direction[2])
         return self.measured()
@@ -148,6 +170,10 @@ class Gui:
         self.texts.append(SimpleNamespace(content=content))
         return self.texts[-1]
 
+    def add_text(self, label: str, value: str) -> Any:
+        """As viser's."""
+        return SimpleNamespace(value=value, on_update=lambda callback: None)
+
 
 def test_two_clicks_measure_the_distance_and_its_parts_along_the_axes() -> None:
     """On the ground, or on what is drawn above it; all is marked in the scene, and removed."""
@@ -157,7 +183,7 @@ def test_two_clicks_measure_the_distance_and_its_parts_along_the_axes() -> None:
     marks = {"measured", "measured from", "measured text"}
     assert marks <= above.drawn.shapes.keys()
     assert {each.frame for each in above.drawn.shapes.values()} == {"map"}
-    above.channel.receive('{"do": "unmeasure"}', 0)
+    above.channel.receive({"do": "unmeasure"}, 0)
     assert above.click(0.0, 0.0, 1) == ""
     assert "measured" not in above.drawn.shapes
 

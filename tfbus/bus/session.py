@@ -281,8 +281,9 @@ class Session(NetworkSession):
 
     def watch_heard(self, key: str) -> HeardWatch:
         """A watch that knows whether a process subscribes to `key`."""
+        at, key = self.placed(key)
         with self._errors(f"watch {key}"):
-            return HeardWatch(self.zenoh.declare_publisher(key))
+            return HeardWatch(at.zenoh.declare_publisher(key))
 
     def subscriber(
         self,

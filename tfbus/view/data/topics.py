@@ -16,6 +16,7 @@ from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph import TopicInfo, graph_of
 from tfbus.bus.graph_watch import GraphWatch
+from tfbus.bus.network_session import HeardWatch
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher, Subscription
 from tfbus.view.settings import TopicSettings, ViewSettings
@@ -383,7 +384,7 @@ class ToolPublishers:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._topics: dict[str, str] = {}
-        self._publishers: dict[str, Publisher[Any]] = {}
+        self._publishers: dict[str, tuple[Publisher[Any], HeardWatch]] = {}
         self.mistakes: dict[str, str] = {}
 
     def keep(self, settings: ViewSettings) -> None:
@@ -395,23 +396,30 @@ class ToolPublishers:
             self._topics[tool.name] = topic
             self._end(tool.name)
             try:
-                self._publishers[tool.name] = self._node.create_publisher(tool.message_type, topic)
+                publisher: Publisher[Any] = self._node.create_publisher(tool.message_type, topic)
+                heard = self._node.session.watch_heard(publisher.name)
+                self._publishers[tool.name] = publisher, heard
             except TfbusError as error:
                 self.mistakes[tool.name] = printable(str(error), 300)
 
     def topic(self, tool: Tool) -> str:
         """The topic of a tool as the bus has it; "" if it has no publisher."""
-        publisher = self._publishers.get(tool.name)
-        return publisher.name if publisher else ""
+        found = self._publishers.get(tool.name)
+        return found[0].name if found else ""
+
+    def is_heard(self, tool: Tool) -> bool:
+        """Whether anybody subscribes to the topic of a tool now."""
+        found = self._publishers.get(tool.name)
+        return found is not None and found[1].heard
 
     def send(
         self, tool: Tool, frame_id: str, xyz: tuple[float, float, float], yaw_rad: float
     ) -> bool:
         """Publish the message of a tool, as of now; False if it has no publisher."""
-        publisher = self._publishers.get(tool.name)
-        if publisher is None:
+        found = self._publishers.get(tool.name)
+        if found is None:
             return False
-        publisher.publish(tool.make(self._node.now_ns(), frame_id, xyz, yaw_rad))
+        found[0].publish(tool.make(self._node.now_ns(), frame_id, xyz, yaw_rad))
         return True
 
     def close(self) -> None:
@@ -421,5 +429,5 @@ class ToolPublishers:
 
     def _end(self, name: str) -> None:
         self.mistakes.pop(name, None)
-        if (publisher := self._publishers.pop(name, None)) is not None:
-            publisher.close()
+        for part in self._publishers.pop(name, ()):
+            part.close()

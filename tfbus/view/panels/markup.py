@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 import viser
 
+from tfbus.base.bounded import Bounded
 from tfbus.base.wording import stamp_text
 from tfbus.frames.moment import State
 
@@ -57,22 +58,40 @@ def unless_it_left(server: viser.ViserServer, client: int) -> Iterator[None]:
             raise
 
 
+# Pages whose events are told apart.
+_MOST_PAGES = 1000
+
+
 class Channel:
     """Carries events from our HTML to Python: `tfbus({do: 'show', frame: 'base'})`.
 
-    viser has no custom messages, so the event is typed into a hidden text field of viser's: the
+    viser has no custom messages, so events are typed into a hidden text field of viser's: the
     one right after the element with the class tfbus-channel.
     """
 
+    # viser sends a change of a field after 50 ms, and forgets it if any other field of the panel
+    # has changed by then: each event is typed three times, farther apart than that.
     SCRIPT = """
-window.tfbus = (event) => {
-  const field = document.querySelector('div:has(> .tfbus-channel) + div input');
-  const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
-  // A field that stays as it is has no update.
-  window.tfbusCount = (window.tfbusCount || Date.now()) + 1;
-  set.call(field, JSON.stringify({...event, n: window.tfbusCount}));
-  field.dispatchEvent(new Event('input', {bubbles: true}));
-};
+if (!window.tfbus) {
+  const page = Math.random().toString(36).slice(2);
+  let waiting = [], count = 0, typed = 0, timer = null;
+  const type = () => {
+    timer = waiting.length ? setTimeout(type, 70) : null;
+    const field = document.querySelector('div:has(> .tfbus-channel) + div input');
+    if (!waiting.length || !field) return;
+    const set = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, 'value').set;
+    // A field that stays as it is has no update.
+    typed += 1;
+    set.call(field, JSON.stringify({page, typed, events: waiting.map(({event}) => event)}));
+    field.dispatchEvent(new Event('input', {bubbles: true}));
+    waiting.forEach((each) => { each.times += 1; });
+    waiting = waiting.filter((each) => each.times < 3);
+  };
+  window.tfbus = (event) => {
+    waiting = [...waiting, {event: {...event, n: ++count}, times: 0}].slice(-100);
+    if (timer === null) type();
+  };
+}
 window.tfbusCopy = (id) => {
   const element = document.getElementById(id);
   getSelection().selectAllChildren(element);
@@ -82,6 +101,8 @@ window.tfbusCopy = (id) => {
 
     def __init__(self) -> None:
         self._handlers: dict[str, Callable[[Mapping[str, Any]], object]] = {}
+        # The number of the last event of each page.
+        self._last: Bounded[str, int] = Bounded(_MOST_PAGES)
 
     def on(self, do: str, handler: Callable[[Mapping[str, Any]], object]) -> None:
         """Call `handler(event)` for each event of this kind, in the order in which a browser sends
@@ -94,20 +115,26 @@ window.tfbusCopy = (id) => {
 
         # All browsers share the field: on a thread of viser's pool it may hold the next event.
         async def on_update(event: Any) -> None:
-            self.receive(field.value, event.client_id)
+            self.read(field.value, event.client_id)
 
         field.on_update(on_update)
 
-    def receive(self, text: str, client: int | None = None) -> None:
-        """Take an event as a client typed it; ignores text that is no event.
-
-        The handler finds the number of the client as `event["client"]`.
-        """
+    def read(self, text: str, client: int | None = None) -> None:
+        """Take the events that a client typed, each once; ignores other text."""
         try:
-            event = json.loads(text)
-        except (ValueError, RecursionError):
+            typed = json.loads(text)
+            page, events = str(typed["page"])[:40], list(typed["events"])
+            numbered = [(int(event["n"]), event) for event in events]
+        except (ValueError, LookupError, TypeError, OverflowError, RecursionError):
             return
-        if isinstance(event, dict) and (handler := self._handlers.get(str(event.get("do")))):
+        for number, event in numbered:
+            if number > self._last.get(page, 0):
+                self._last[page] = number
+                self.receive(event, client)
+
+    def receive(self, event: Mapping[str, Any], client: int | None = None) -> None:
+        """Take an event of a client, whose number the handler finds as `event["client"]`."""
+        if handler := self._handlers.get(str(event.get("do"))):
             handler({**event, "client": client})
 
     def html(self, style: str = "", script: str = "", title: str = "tfbus") -> str:

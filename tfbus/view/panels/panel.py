@@ -27,9 +27,9 @@ from tfbus.view.panels.data import DataPanel
 from tfbus.view.panels.markup import Channel, Html, clock_time, sign
 from tfbus.view.panels.player import PlayerBar
 from tfbus.view.panels.robots import RobotsPanel, progress_text
-from tfbus.view.panels.tools import SCRIPT as TOOLS_SCRIPT
 from tfbus.view.panels.tools import STYLE as TOOLS_STYLE
 from tfbus.view.panels.tools import ToolsPanel
+from tfbus.view.panels.tools import script as tools_script
 from tfbus.view.panels.tree import SCRIPT as TREE_SCRIPT
 from tfbus.view.panels.tree import MeasurePanel, TreePanel
 from tfbus.view.replay import Replay
@@ -115,7 +115,7 @@ class Panel:
         self._replay = replay
         player = (PlayerBar.style(), PlayerBar.script()) if replay else ("", "")
         style = TOOLS_STYLE + player[0] + "".join(guest.style for guest in self._guests)
-        script = TREE_SCRIPT + TOOLS_SCRIPT + player[1]
+        script = TREE_SCRIPT + tools_script(sends=tools is not None) + player[1]
         script += "".join(guest.script for guest in self._guests)
         gui.add_html(channel.html(style, script, title))
         channel.listen(gui.add_text("events", ""))

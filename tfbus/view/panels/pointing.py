@@ -115,10 +115,12 @@ class Pointing:
         if tool.has_heading:
             xyz = (xyz[0], xyz[1], 0.0)
             yaw_rad = heading_of(ray, window.ray(aim.end), np.array(xyz))
+        was_heard = tools.is_heard(tool)
         if not tools.send(tool, fixed_frame, xyz, yaw_rad):
             return tools.mistakes.get(tool.name, "Its topic has only just been changed.")
         topic = tools.topic(tool)
-        self._panel.note(tool, sent_text(topic, fixed_frame, xyz, yaw_rad))
+        text = sent_text(topic, fixed_frame, xyz, yaw_rad)
+        self._panel.note(tool, text, was_heard=was_heard)
         size_m = mark_size(self._axes_m, way_m)
         kind, part = ("arrow", 1.0) if tool.has_heading else ("sphere", 0.25)
         sent = f"{tool.name} sent"

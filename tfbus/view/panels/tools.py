@@ -5,6 +5,7 @@ A browser that has chosen a tool takes the next drag, or clicks, on the scene fo
 the camera.
 """
 
+import json
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -28,6 +29,10 @@ _MOST_AIMS = 20
 
 # The tool that sends nothing.
 MEASURE = "measure"
+_MEASURE_KEY = "M"
+
+# A message that nobody hears is not kept for later subscribers: robots would drive to old goals.
+_UNHEARD = '; <b class="tf-alarm">nobody subscribed: send it again once somebody does</b>'
 
 Place = tuple[float, float]
 
@@ -63,7 +68,8 @@ class ToolsPanel:
         self._aims: deque[Aim] = deque(maxlen=_MOST_AIMS)
         self._topics: tuple[str, ...] = ()
         self._changed_s = -math.inf
-        self._sent: dict[str, str] = {}
+        # The last message of each tool, and whether anybody subscribed when it was sent.
+        self._sent: dict[str, tuple[str, bool]] = {}
         self._measured = ""
         self._is_cleared = False
         self._tools = TOOLS if publishers else {}
@@ -103,14 +109,17 @@ class ToolsPanel:
                     f'<div class="tf-alarm" role="alert">{tool.title}: {escape(why)}</div>'
                 )
             elif sent := self._sent.get(tool.name):
+                text, was_heard = sent
                 count = subscribers(self.publishers.topic(tool))
-                whom = counted(count, "subscription") if count else "nobody subscribes"
-                lines.append(f"<div>{tool.title}: {escape(sent)}; {whom}</div>")
+                told = f"; {counted(count, 'subscription')}" if count else ""
+                lines.append(
+                    f"<div>{tool.title}: {escape(text)}{told if was_heard else _UNHEARD}</div>"
+                )
         self._state.show(f'<div class="tf" role="log" aria-label="sent">{"".join(lines)}</div>')
 
-    def note(self, tool: Tool, sent: str) -> None:
-        """Show the last message of a tool."""
-        self._sent[tool.name] = sent
+    def note(self, tool: Tool, sent: str, *, was_heard: bool) -> None:
+        """Show the last message of a tool, and whether anybody subscribed to it."""
+        self._sent[tool.name] = sent, was_heard
 
     def note_measured(self, text: str) -> None:
         """Show the last measure."""
@@ -178,11 +187,8 @@ def _place(value: object) -> Place | None:
 
 
 def _buttons(tools: Mapping[str, Tool]) -> str:
-    buttons = "".join(
-        _button(tool.name, tool.title, tool.key, 1, has_heading=tool.has_heading)
-        for tool in tools.values()
-    )
-    buttons += _button(MEASURE, "Measure", "M", 2, has_heading=False)
+    buttons = "".join(_button(tool.name, tool.title, tool.key) for tool in tools.values())
+    buttons += _button(MEASURE, "Measure", _MEASURE_KEY)
     sends = "Drag on the ground for a pose, click for a point, twice" if tools else "Click twice"
     return (
         f'<div class="tf"><div class="tf-tools">{buttons}</div><div class="tf-dim">{sends} to '
@@ -190,12 +196,21 @@ def _buttons(tools: Mapping[str, Tool]) -> str:
     )
 
 
-def _button(name: str, title: str, key: str, clicks: int, *, has_heading: bool) -> str:
+def _button(name: str, title: str, key: str) -> str:
     return (
-        f'<button data-tool="{name}" data-heading="{int(has_heading)}" data-clicks="{clicks}" '
-        f'data-key="{key.lower()}" aria-pressed="false" onclick="tfbusTool(this)">'
+        f'<button data-tool="{name}" aria-pressed="false" onclick="tfbusTool(\'{name}\')">'
         f"{title} ({key})</button>"
     )
+
+
+def script(*, sends: bool) -> str:
+    """The page's script, with the tools that send or without them."""
+    tools = {
+        tool.name: {"key": tool.key.lower(), "clicks": 1, "heading": tool.has_heading}
+        for tool in (TOOLS.values() if sends else ())
+    }
+    tools[MEASURE] = {"key": _MEASURE_KEY.lower(), "clicks": 2, "heading": False}
+    return f"window.tfbusTools = {json.dumps(tools)};{_SCRIPT}"
 
 
 STYLE = """
@@ -207,14 +222,16 @@ STYLE = """
 .tf-tools button:focus-visible { outline: 2px solid #228be6; }
 .tf-aim { position: absolute; inset: 0; cursor: crosshair; touch-action: none; }
 .tf-aim svg { width: 100%; height: 100%; pointer-events: none; }
+body:has(.tf-aim) .mantine-Notification-root { pointer-events: none !important; }
 """
 
 # The overlay lies on the canvas, so that the camera stays where it is; the arrow on it is the
-# browser's own, and waits for no link.
-SCRIPT = """
-window.tfbusTool = (button) => {
-  const same = window.tfbusAim?.button === button;
-  window.tfbusAim?.stop();
+# browser's own, and waits for no link. The buttons are there while their tab is open, keys always.
+_SCRIPT = """
+window.tfbusTool = (name) => {
+  const same = window.tfbusAim === name;
+  window.tfbusAimStop?.();
+  const tool = window.tfbusTools[name];
   const canvas = [...document.querySelectorAll('canvas')]
     .sort((a, b) => b.clientWidth * b.clientHeight - a.clientWidth * a.clientHeight)[0];
   if (same || !canvas) return;
@@ -226,18 +243,20 @@ window.tfbusTool = (button) => {
     + '</svg>';
   const line = cover.querySelector('line');
   let from = null;
-  let clicks = Number(button.dataset.clicks);
+  let clicks = 0;
   const at = (event) => {
     const box = canvas.getBoundingClientRect();
     return [[event.clientX - box.left, event.clientY - box.top],
       [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height]];
   };
   const key = (event) => { if (event.key === 'Escape') stop(); };
+  const press = (pressed) => document.querySelector(`[data-tool=${name}]`)
+    ?.setAttribute('aria-pressed', pressed);
   const stop = () => {
-    window.tfbusAim = null;
+    window.tfbusAim = window.tfbusAimStop = null;
     cover.remove();
     document.removeEventListener('keydown', key);
-    button.setAttribute('aria-pressed', 'false');
+    press(false);
   };
   cover.onpointerdown = (event) => {
     if (event.button) return;
@@ -245,33 +264,33 @@ window.tfbusTool = (button) => {
     from = at(event);
   };
   cover.onpointermove = (event) => {
-    const draws = button.dataset.heading === '1' || clicks < Number(button.dataset.clicks);
-    if (!from || !draws) return;
+    if (!from || !(tool.heading || clicks)) return;
     const [[x, y]] = at(event);
     const ends = {x1: from[0][0], y1: from[0][1], x2: x, y2: y, visibility: 'visible'};
     Object.entries(ends).forEach(([name, value]) => line.setAttribute(name, value));
   };
   cover.onpointerup = (event) => {
     if (!from) return;
-    const step = Number(button.dataset.clicks) - clicks + 1;
-    tfbus({do: 'tool', tool: button.dataset.tool, from: from[1], to: at(event)[1], step});
-    clicks -= 1;
-    if (!clicks) stop();
+    clicks += 1;
+    tfbus({do: 'tool', tool: name, from: from[1], to: at(event)[1], step: clicks});
+    if (clicks === tool.clicks) stop();
   };
   cover.onpointercancel = stop;
   cover.oncontextmenu = (event) => { event.preventDefault(); stop(); };
   document.addEventListener('keydown', key);
-  button.setAttribute('aria-pressed', 'true');
+  press(true);
   canvas.parentElement.append(cover);
-  window.tfbusAim = {button, stop};
+  window.tfbusAim = name;
+  window.tfbusAimStop = stop;
 };
 if (!window.tfbusToolKeys) {
   window.tfbusToolKeys = true;
   document.addEventListener('keydown', (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;
     if (event.target.closest('input, textarea, [contenteditable], .tf-keys')) return;
-    document.querySelector(`[data-tool][data-key="${CSS.escape(event.key.toLowerCase())}"]`)
-      ?.click();
+    const found = Object.entries(window.tfbusTools)
+      .find(([, tool]) => tool.key === event.key.toLowerCase());
+    if (found) tfbusTool(found[0]);
   });
 }
 """

@@ -148,3 +148,12 @@ def test_none_but_an_admin_sends_what_is_another_s(role: str, namespace: str) ->
             key = "/".join(filter(None, (namespace, key_of(name, "other"))))
             sent = [message for message in own if is_allowed(control, "it", message, key)]
             assert sent == [], name
+
+
+def test_the_router_of_the_same_identity_carries_what_others_send() -> None:
+    """A client takes from it what others may send; from other identities only what is theirs."""
+    rights = Rights({name: Identity(name, "publisher", "robot7") for name in ("it", "leg")})
+    control = access_control(rights, carrier="it")
+    for message, key in (("query", "**/@tfbus/node/*"), ("put", "robot7/tf/other")):
+        assert is_allowed(control, "it", message, key)
+        assert not is_allowed(control, "leg", message, key)

@@ -22,6 +22,8 @@ from tfbus import (
     TransformStamped,
 )
 from tfbus.bus.callbacks import direct
+from tfbus.bus.presence import ask_nodes
+from tfbus.bus.remote_parameters import set_parameter
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.messages import Pose
 
@@ -344,6 +346,31 @@ def test_a_reader_that_says_that_it_is_a_router_gets_nothing(bus: ClosedBus) -> 
     # One that may pass follows on the same link.
     client.session.living("**/@tfbus/node/*")
     assert got == set()
+
+
+def test_a_robot_s_own_router_carries_what_others_ask(tmp_path: Path) -> None:
+    """A robot's router has the robot's identity: a base behind another router finds the robot's
+    nodes by one question to all, and sets their parameters.
+    """
+    bus = ClosedBus(
+        tmp_path,
+        Identity("hub", "router"),
+        Identity("arm", "publisher", "robot7"),
+        Identity("ben", "operator"),
+    )
+    hub, own = (f"tls/127.0.0.1:{free_port()}" for _ in range(2))
+    bus.node("hub", mode="router", connect=(), listen=(hub,))
+    bus.node("arm", "arm_router", mode="router", connect=(hub,), listen=(own,))
+    through = {"mode": "client", "listen": ()}
+    arm = bus.node("arm", namespace="robot7", connect=(own,), **through)
+    speed = arm.declare_parameter("speed", 1.0)
+    ben = bus.node("ben", connect=(hub,), **through)
+    try:
+        eventually(lambda: "/robot7/arm" in {each.name for each in ask_nodes(ben.session).nodes})
+        set_parameter(ben.session, "/robot7/arm", "speed", 9.0, print)
+        assert speed.value == 9.0
+    finally:
+        bus.close()
 
 
 def test_a_topic_of_an_operator_is_retained(bus: ClosedBus) -> None:

@@ -257,3 +257,42 @@ def test_a_watch_that_was_stopped_raises_no_alarm(fleet: Bus) -> None:
     fleet.network.run(15.0)
     assert program.stdout.count('"state"') == 3
     assert program.stop() == 0
+
+
+def test_a_watch_that_lost_its_own_link_blames_no_robot(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the router of the watch is away its page says so, and the command of --on-gone does
+    not run; a robot that is not back --grace seconds after the router is gone.
+    """
+    ran: list[tuple[str, str]] = []
+
+    def run(option: str, _: str, told: dict[str, str]) -> None:
+        ran.append((option, told["TFBUS_ROBOT"]))
+
+    monkeypatch.setattr("tfbus.cli.fleet.run_in_shell", run)
+    hub = "tcp/outside:7447"
+
+    def start_hub() -> None:
+        with bus.network.process("outside", "hub"):
+            bus.node("hub", mode="router", listen=("tcp/[::]:7447",))
+
+    start_hub()
+    for number in (2, 3):
+        with bus.network.process("outside", f"robot{number}"):
+            robot(bus, number, mode="client", connect=(hub,))
+    commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "20")
+    join = ("--mode", "client", "--connect", hub)
+    program = bus.start("fleet", "--watch", "--expect", "robot[2-3]", *commands, *join)
+    eventually(lambda: "2 of 2 robots there" in program.stdout)
+    bus.network.kill("outside/hub")
+    eventually(lambda: f"No link to {hub}" in program.stdout and "2 gone" in program.stdout)
+    bus.network.run(5.0)
+    bus.network.kill("outside/robot3")
+    start_hub()
+    eventually(lambda: "1 of 2 robots there, 1 gone" in program.stdout)
+    bus.network.run(10.0)
+    assert ran == []
+    eventually(lambda: ran == [("--on-gone", "robot3")])
+    assert f"No link to {hub}" not in program.stdout.rpartition("1 of 2")[0].rpartition("\n\n")[2]
+    program.stop()

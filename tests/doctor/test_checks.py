@@ -384,6 +384,22 @@ def test_each_trouble_is_found(name: str, healthy: Examination) -> None:
     assert finding.remedy
 
 
+@pytest.mark.parametrize(
+    ("others", "verdict"), [((), "ok"), (("robot8",), "ok"), (("robot7/arm",), "warn")]
+)
+def test_a_robot_alone_in_its_namespace_may_be_any_node(
+    others: tuple[str, ...], verdict: str, healthy: Examination
+) -> None:
+    """As `tfbus keys add --nodes '*'` makes it; beside another publisher that is too wide."""
+    settings = of_identity(days=30)
+    robot = Identity("robot7", "publisher", "robot7", nodes=("*",))
+    beside = [Identity(f"other{at}", "publisher", each) for at, each in enumerate(others)]
+    rights = Rights({each.name: each for each in (robot, *beside)})
+    object.__setattr__(settings, "closed", replace(settings.closed, rights=rights))
+    finding = CHECKS["rights"](with_settings(settings)(healthy))
+    assert finding.verdict == verdict
+
+
 def test_a_closed_bus_says_what_it_has_not_on_a_bad_network(healthy: Examination) -> None:
     """It is well, and its links are of TCP alone."""
     why = "a closed bus has links of TCP alone"

@@ -366,9 +366,10 @@ _NOT_BY_PATTERN = (
 )
 
 
-def access_control(rights: Rights) -> dict[str, Any]:
+def access_control(rights: Rights, carrier: str = "") -> dict[str, Any]:
     """Zenoh's setting `access_control` for a process on the bus of these rights: the messages that
-    each identity may send, by key.
+    each identity may send, by key. The identity `carrier` passes on messages of others too, as the
+    router of a robot does to clients of the same identity, and enforces their rights.
 
     Every process enforces it on incoming messages; and on outgoing ones, only the ones that an
     identity may read. An identity with a namespace gets nothing of others: not even the tokens that
@@ -387,7 +388,9 @@ def access_control(rights: Rights) -> dict[str, Any]:
     for identity in rights.identities.values():
         if identity.revoked:
             continue
-        for what, its_rules in (("own", _own(identity)), ("chosen", _chosen(identity))):
+        carried = [_rule(_ALL, _EVERY_KEY)] if identity.name == carrier else []
+        own = [*_own(identity), *carried]
+        for what, its_rules in (("own", own), ("chosen", _chosen(identity))):
             subject = f"{identity.name} {what}"
             found = [{"id": f"{subject} {number}", **rule} for number, rule in enumerate(its_rules)]
             if found:

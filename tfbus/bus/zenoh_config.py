@@ -114,7 +114,8 @@ def zenoh_config(
         "listen/endpoints": list(settings.listen),
     }
     window = network.tcp_bytes or None
-    if has_datagrams and (settings.mode or _mode(config)) != "client":
+    is_client = (settings.mode or _mode(config)) == "client"
+    if has_datagrams and not is_client:
         for key in ("connect/endpoints", "listen/endpoints"):
             given[key] = _with_datagrams(given[key])
     else:
@@ -122,7 +123,7 @@ def zenoh_config(
         # window of the other end: by default 64 kB, for which 1 Mbit/s takes 0.5 s.
         defaults["transport/link/tcp/so_rcvbuf"] = window
     if settings.closed is not None:
-        given |= _encrypted(settings.closed, window)
+        given |= _encrypted(settings.closed, window, is_client=is_client)
         if not settings.listen and settings.mode != "client":
             given["listen/endpoints"] = ["tls/[::]:0"]
     if scouting_s is not None:
@@ -235,12 +236,15 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
         return zenoh.Config.from_file(str(path))
 
 
-def _encrypted(folder: "SecureFolder", window: int | None) -> dict[str, Any]:
+def _encrypted(folder: "SecureFolder", window: int | None, *, is_client: bool) -> dict[str, Any]:
     """The settings that encrypt every link, offer this window on it, in bytes, and let in only
     messages that the rights allow.
     """
     from tfbus.bus.rights import access_control
 
+    identity = folder.identity
+    # All links of a client are those to its router, which a robot runs by its own identity.
+    control = access_control(folder.rights.seen_by(identity), identity.name if is_client else "")
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {
         "root_ca_certificate": str(folder.authority),
@@ -257,7 +261,7 @@ def _encrypted(folder: "SecureFolder", window: int | None) -> dict[str, Any]:
     return {
         "transport/link/protocols": ["tls"],
         "transport/link/tls": tls,
-        "access_control": _canonical(access_control(folder.rights.seen_by(folder.identity))),
+        "access_control": _canonical(control),
     }
 
 

@@ -161,6 +161,7 @@ def _watch(
     as_json: bool,
 ) -> None:
     frames_due_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
+    session = heard.node.session
     with suppress(KeyboardInterrupt), ExitStack() as stack:
         show = None if as_json else stack.enter_context(screen())
         while True:
@@ -171,6 +172,8 @@ def _watch(
             if has_frames:
                 took_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 - began_s
                 frames_due_s = began_s + min(took_s / _MOST_FOR_FRAMES, _FRAMES_EVERY_S)
+            # A client has its links by routers alone.
+            is_cut = session.settings.mode == "client" and not session.routers()
             news = [each for each in robots if states.get(each.name) != each.state]
             states = {each.name: each.state for each in robots}
             if show is None:
@@ -178,8 +181,10 @@ def _watch(
                     print_json({"at_ns": moment.at_ns} | asdict(robot))
             else:
                 lines = as_lines(robots, moment.at_ns, None if show_all else _height())
-                show(lines if robots else [f"Waiting: {_no_robot(moment)}"])
-            lost.update(robots)
+                lines = lines if robots else [f"Waiting: {_no_robot(moment)}"]
+                where = listed(session.settings.connect) or "a router"
+                show([paint(f"No link to {where}: robots cannot be seen", "bad")] * is_cut + lines)
+            lost.update(robots, is_cut=is_cut)
             if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
                 return
 
@@ -187,19 +192,31 @@ def _watch(
 class _Lost:
     """The robots that are gone or missing, and the commands that run when one is, and when it is
     back. A robot that never came is missing only `grace_s` seconds from now on: it may be booting.
+    A robot that left together with this process's own link is gone only so long after that link
+    was lost, or is back: it may be there.
     """
 
     def __init__(self, on_gone: str | None, on_back: str | None, grace_s: float) -> None:
         self._on_gone, self._on_back = on_gone, on_back
+        self._grace_s = grace_s
         self._grace_ends_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 + grace_s
+        self._was_cut = self._excuses_gone = False
         self._names: set[str] = set()
 
-    def update(self, robots: Iterable[RobotStatus]) -> None:
-        """Run the commands for the robots that are lost or back now."""
+    def update(self, robots: Iterable[RobotStatus], *, is_cut: bool) -> None:
+        """Run the commands for the robots that are lost or back now; `is_cut` is whether this
+        process has lost its own link.
+        """
+        now_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+        if is_cut != self._was_cut:
+            self._was_cut, self._excuses_gone = is_cut, True
+            self._grace_ends_s = now_s + self._grace_s
         before, self._names = self._names, set()
-        is_late = SYSTEM_CLOCK.elapsed_ns() / 1e9 >= self._grace_ends_s
+        is_late = now_s >= self._grace_ends_s
+        self._excuses_gone &= not is_late
         for robot in robots:
-            is_lost = robot.state == "gone" or (robot.state == "missing" and is_late)
+            is_excused = not is_late and (robot.state == "missing" or self._excuses_gone)
+            is_lost = robot.state != "there" and (robot.name in before or not is_excused)
             if is_lost:
                 self._names.add(robot.name)
             if is_lost and robot.name not in before:

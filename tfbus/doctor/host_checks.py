@@ -177,12 +177,17 @@ def check_rights(seen: Examination) -> Finding:
     others = [
         each.name for each in seen.moment.nodes if each.rights and each.rights != closed.digest
     ]
+    publishers = [
+        each
+        for each in closed.rights.identities.values()
+        if each.role == "publisher" and not each.revoked
+    ]
+    # A robot that is alone in its namespace takes no other's streams.
     wide = [
         f"{identity.name} may be any node, and so publish any stream"
-        for identity in closed.rights.identities.values()
-        if identity.role == "publisher"
-        and not identity.revoked
-        and {"*", "**", "**/*"}.intersection(identity.nodes or ())
+        for identity in publishers
+        if {"*", "**", "**/*"}.intersection(identity.nodes or ())
+        and any(each != identity and identity.is_within(each.namespace) for each in publishers)
     ]
     if others:
         return Finding(

@@ -1,6 +1,5 @@
 """All doors of a player do the same: keys of `bag play`, the view's bar, Foxglove's playback."""
 
-import json
 from pathlib import Path
 from random import Random
 from types import SimpleNamespace
@@ -101,7 +100,7 @@ class Bar:
         self.draw()
 
     def _send(self, command: str, **given: object) -> None:
-        self._channel.receive(json.dumps({"do": command, **given}), 1)
+        self._channel.receive({"do": command, **given}, 1)
 
     def do(self, command: str, given: float) -> None:
         self._seeks += 1

@@ -29,7 +29,8 @@ from tfbus.cli import main
 from tfbus.cli.completion import SHELLS, Bash
 from tfbus.cli.message import complete_values, prototype, supplied_names, supplied_type
 from tfbus.command import names
-from tfbus.command.names import LiveNames, live_names, look_for_names
+from tfbus.command.names import live_names, look_for_names
+from tfbus.command.types import LiveNames
 from tfbus.messages import Pose, Spawn, Twist
 from tfbus.recording.items import TopicItem
 

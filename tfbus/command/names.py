@@ -7,12 +7,13 @@ import os
 import time
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tfbus.base.errors import TfbusError
 from tfbus.bus.settings import NodeSettings
+from tfbus.command.types import LiveNames
 from tfbus.wire.codec import from_map
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.keys import namespace_of, relative_name
@@ -30,22 +31,6 @@ _SCOUTING_S = 0.15
 _QUIET_S = 0.1
 _SETTLE_S = 0.4
 _ANSWER_S = 0.4
-
-
-@dataclass(frozen=True)
-class LiveNames:
-    """All names, relative to the namespace of the settings.
-
-    `frames` are the namespace's, `robots` has the frames of each namespace below. `topics` and
-    `services` map to types, `parameters` maps names of nodes.
-    """
-
-    frames: tuple[str, ...] = ()
-    robots: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    nodes: tuple[str, ...] = ()
-    topics: dict[str, str] = field(default_factory=dict)
-    services: dict[str, str] = field(default_factory=dict)
-    parameters: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 def live_names(settings: NodeSettings) -> LiveNames:

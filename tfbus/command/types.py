@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -23,10 +23,6 @@ from tfbus.base.wording import mistake_in
 from tfbus.bus.settings import LOG_LEVELS, NodeSettings, log_level_of
 from tfbus.wire.keys import check_namespace, check_node_name, check_parameter, check_topic
 from tfbus.wire.limits import size_in, size_text
-
-if TYPE_CHECKING:
-    from tfbus.command.names import LiveNames
-
 
 _NS_PER_UNIT = {
     "ns": 1,
@@ -146,11 +142,27 @@ def _dated(text: str) -> Moment:
 _PLACE = ("namespace", "mode", "connect", "listen", "config", "secure", "network")
 
 
+@dataclass(frozen=True)
+class LiveNames:
+    """The names that there are to complete with, relative to the namespace of the settings.
+
+    `frames` are the namespace's, `robots` has the frames of each namespace below. `topics` and
+    `services` map to types, `parameters` maps names of nodes.
+    """
+
+    frames: tuple[str, ...] = ()
+    robots: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    nodes: tuple[str, ...] = ()
+    topics: dict[str, str] = field(default_factory=dict)
+    services: dict[str, str] = field(default_factory=dict)
+    parameters: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+
 class _BusName(click.ParamType[str], ABC):
     """A name on the bus; a subclass says which are candidates."""
 
     @abstractmethod
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """The names to complete with, and a help text for each."""
 
     def convert(
@@ -183,7 +195,7 @@ class FrameName(_BusName):
 
     name = "frame"
 
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """The frames of this namespace; with --fleet also of the ones below, by fleet names."""
         if not ctx.params.get("fleet"):
             return dict.fromkeys(names.frames, "")
@@ -226,7 +238,7 @@ class NodeName(_BusName):
             self.fail(str(error), param, ctx)
         return str(value)
 
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """All nodes."""
         return dict.fromkeys(names.nodes, "")
 
@@ -248,7 +260,7 @@ class TopicName(_BusName):
         except InvalidNameError as error:
             self.fail(str(error), param, ctx)
 
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """The topics that nodes publish or subscribe to, and their types."""
         return names.topics
 
@@ -261,7 +273,7 @@ class ServiceName(TopicName):
 
     name = "service"
 
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """The services and actions of all nodes, and their types."""
         return names.services
 
@@ -280,7 +292,7 @@ class ParameterName(_BusName):
         except InvalidNameError as error:
             self.fail(str(error), param, ctx)
 
-    def candidates(self, names: "LiveNames", ctx: click.Context) -> Mapping[str, str]:
+    def candidates(self, names: LiveNames, ctx: click.Context) -> Mapping[str, str]:
         """The parameters of that node."""
         node = str(ctx.params.get("node") or "").strip("/")
         return dict.fromkeys(names.parameters.get(node, ()), "")
@@ -462,9 +474,9 @@ def own_name(kind: str) -> str:
     return f"{kind}_{os.urandom(4).hex()}"
 
 
-def names_at(ctx: click.Context) -> "LiveNames":
+def names_at(ctx: click.Context) -> LiveNames:
     """The names on the bus, or in the recording, that the options typed so far select."""
-    from tfbus.command.names import LiveNames, live_names, names_in  # for completion only
+    from tfbus.command.names import live_names, names_in  # for completion only
 
     if paths := _recording_in(ctx):
         namespace = ctx.params.get("namespace") or os.environ.get("TFBUS_NAMESPACE") or ""

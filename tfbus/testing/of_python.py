@@ -29,16 +29,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
 from multiprocessing.process import BaseProcess
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 import zenoh
 
 from tfbus.testing import primitives
 from tfbus.testing.bound_names import Replaced, locks_of_modules, rebind
-from tfbus.testing.tasks import SimulationError, Task, Tasks
-
-if TYPE_CHECKING:
-    from tfbus.testing.processes import ProcessTable
+from tfbus.testing.processes import ProcessTable
+from tfbus.testing.tasks import SimulationError, Tasks, task_of
 
 
 def refusals() -> Iterator[tuple[Any, str, Callable[..., NoReturn]]]:
@@ -136,7 +134,7 @@ _session = _refusing(
 
 
 @contextmanager
-def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
+def standing_in(table: ProcessTable, names: dict[str, Any]) -> Iterator[None]:
     """Until the end of the `with` Python's own names are the simulation's on threads of tasks, or
     refused; `names` are the scheduler's.
     """
@@ -155,7 +153,7 @@ def standing_in(table: "ProcessTable", names: dict[str, Any]) -> Iterator[None]:
             rebind(replaced.undone())
 
 
-def _stand_ins(table: "ProcessTable", names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
+def _stand_ins(table: ProcessTable, names: dict[str, Any]) -> Iterator[tuple[Any, str, Any]]:
     tasks = table.tasks
 
     def is_task() -> bool:
@@ -319,11 +317,6 @@ class _Threads:
             return real_is_alive(thread) if task is None else not task.is_over
 
         self.start, self.join, self.is_alive = start, join, is_alive
-
-
-def task_of(thread: threading.Thread) -> Task | None:
-    """The task that a thread is; None for one of Python's own."""
-    return getattr(thread, "_simulated_task", None)
 
 
 def _run(thread: threading.Thread) -> None:

@@ -10,9 +10,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from tfbus.base.wording import did_you_mean
-from tfbus.testing.of_python import task_of
 from tfbus.testing.primitives import Waiting
-from tfbus.testing.tasks import SimulationError, Task, Tasks
+from tfbus.testing.tasks import SimulationError, Task, Tasks, task_of
 
 if TYPE_CHECKING:
     from tfbus.testing.fabric import Fabric

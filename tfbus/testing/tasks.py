@@ -472,5 +472,10 @@ class Tasks:
         self._alarms.clear()
 
 
+def task_of(thread: threading.Thread) -> Task | None:
+    """The task that a thread is; None for one of Python's own."""
+    return getattr(thread, "_simulated_task", None)
+
+
 def _named(task: Task) -> str:
     return f"{task.name!r} of {task.place.name!r}"

@@ -33,11 +33,14 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.server import ServerOptions, server_options
 from tfbus.command.types import OutputFile, own_name
 from tfbus.frames.command_listener import Listening as Bus
-from tfbus.view import ViewSettings, holds_settings, load_settings, topic_named
+from tfbus.view.settings import ViewSettings, holds_settings, load_settings, topic_named
 
 if TYPE_CHECKING:
     from tfbus import Fleet
-    from tfbus.view import Guest, Page, RobotSource, Screenshot, Serving
+    from tfbus.view.page import Page, Serving
+    from tfbus.view.robots import RobotSource
+    from tfbus.view.scene.drawn import Guest
+    from tfbus.view.screenshot import Screenshot
 
 _NAME = "view"
 
@@ -184,16 +187,11 @@ def main(
     _require_viser()
     # The libraries of the page, and the looks of a recording, take seconds.
     click.echo(f"Loading the page{f' for {screenshot}' if screenshot else ''} ...", err=True)
-    from tfbus.view import (
-        Access,
-        DataOnBus,
-        Page,
-        RobotsOnBus,
-        Screenshot,
-        Serving,
-        ToolPublishers,
-        find_browser,
-    )
+    from tfbus.view.data.topics import DataOnBus, ToolPublishers
+    from tfbus.view.page import Page, Serving
+    from tfbus.view.robots import RobotsOnBus
+    from tfbus.view.screenshot import Screenshot, find_browser
+    from tfbus.view.server import Access
 
     # Of several tabs, each names its robot.
     title = " · ".join(filter(None, ("tfbus", settings.namespace, socket.gethostname())))
@@ -267,7 +265,9 @@ def _show_recording(
     """The page for a recording; no bus is opened. It plays once a browser is there, unless a moment
     is given, or a picture wanted.
     """
-    from tfbus.view import GivenRobots, Page, RecordedData, RecordedRobots, Replay, ShownRobot
+    from tfbus.view.page import Page
+    from tfbus.view.replay import RecordedData, Replay
+    from tfbus.view.robots import GivenRobots, RecordedRobots, ShownRobot
 
     with bag.opened() as opened:
         start_ns, end_ns = opened.span

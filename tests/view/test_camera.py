@@ -12,10 +12,10 @@ from tfbus import Transform
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view import Region
 from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import unless_it_left
 from tfbus.view.scene.camera import Cameras, around, region_of, with_points
+from tfbus.view.scene.drawn import Region
 from tfbus.view.settings import Selections
 
 ARM = Region(np.array((8.0, 4.0, 1.0)), 0.5)

@@ -11,9 +11,12 @@ from tfbus import Buffer
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view import Channel, Page, Placed, Serving, ViewSettings
+from tfbus.view.frames import Placed
 from tfbus.view.local import ShownBuffer
+from tfbus.view.page import Page, Serving
+from tfbus.view.panels.markup import Channel
 from tfbus.view.scene.scene import Axes
+from tfbus.view.settings import ViewSettings
 
 
 class Lamps:

@@ -20,7 +20,8 @@ from tests.view.pages import View as Page
 from tests.view.pages import eventually
 from tfbus import Buffer, InvalidArgumentException, Transform
 from tfbus.base.installation import install_command
-from tfbus.view import FIXED_NODE, View, show
+from tfbus.view import View, show
+from tfbus.view.scene.drawn import FIXED_NODE
 
 PICTURE = np.zeros((4, 6, 3), np.uint8)
 

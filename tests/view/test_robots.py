@@ -17,9 +17,10 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
-from tfbus.view import Page, Serving, View
+from tfbus.view import View
 from tfbus.view.frames import Frames, Placed, frames_of, place
 from tfbus.view.local import ShownBuffer
+from tfbus.view.page import Page, Serving
 from tfbus.view.panels.robots import JointSliders, shown_position, slider_joints, state_of
 from tfbus.view.robots import GivenRobots, ShownRobot
 from tfbus.view.scene.robots import RobotScenes

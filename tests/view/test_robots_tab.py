@@ -11,8 +11,9 @@ from tfbus import Buffer, Robot
 
 pytest.importorskip("viser", reason="needs viser: the extra view")
 
-from tfbus.view import GivenRobots, Page, Serving, ShownRobot
 from tfbus.view.local import ShownBuffer
+from tfbus.view.page import Page, Serving
+from tfbus.view.robots import GivenRobots, ShownRobot
 
 pytestmark = pytest.mark.real
 

@@ -5,7 +5,9 @@ from collections.abc import Callable, Collection
 import viser
 
 from tfbus import Node
-from tfbus.view import Channel, Placed, Region
+from tfbus.view.frames import Placed
+from tfbus.view.panels.markup import Channel
+from tfbus.view.scene.drawn import Region
 
 from .panel import SCRIPT, STYLE, TurtlePanel
 from .scene import WORLD, TurtleScene

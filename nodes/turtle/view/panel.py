@@ -8,7 +8,7 @@ from typing import Any
 
 import viser
 
-from tfbus.view import Channel, Html
+from tfbus.view.panels.markup import Channel, Html
 
 from .. import field
 from .turtles import KEYS, Turtles

@@ -7,7 +7,8 @@ import numpy as np
 import viser
 
 from tfbus import Transform
-from tfbus.view import FIXED_NODE, Placed, Region
+from tfbus.view.frames import Placed
+from tfbus.view.scene.drawn import FIXED_NODE, Region
 
 from .. import field
 from ..turtle_colors import Rgb, colors_of

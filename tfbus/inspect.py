@@ -11,15 +11,15 @@ if TYPE_CHECKING:
     from tfbus.bus.graph import TopicInfo as TopicInfo
     from tfbus.frames.changes import BusChange as BusChange
     from tfbus.frames.changes import Recorded as Recorded
+    from tfbus.frames.command_listener import Watch as Watch
     from tfbus.frames.moment import BusMoment as BusMoment
     from tfbus.frames.moment import FrameStatus as FrameStatus
     from tfbus.frames.snapshot import Problem as Problem
-    from tfbus.frames.watch import Watch as Watch
     from tfbus.streams.info import StreamInfo as StreamInfo
     from tfbus.wire.descriptions import NodeDescription as NodeDescription
 
 _MODULE_OF = {
-    "Watch": "tfbus.frames.watch",
+    "Watch": "tfbus.frames.command_listener",
     "Recorded": "tfbus.frames.changes",
     "BusMoment": "tfbus.frames.moment",
     "FrameStatus": "tfbus.frames.moment",

@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 import click
 
@@ -34,11 +33,8 @@ from tfbus.command.options import (
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
-from tfbus.frames.moment import BusMoment
+from tfbus.frames.moment import BusMoment, LiveView
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.frames.command_listener import Listening
 
 # A watch looks at all frames as often as takes this share of the time, and at least so often; at
 # the robots' streams and nodes for each page.
@@ -115,7 +111,7 @@ def command(
                 _watch(heard, robots, period_s, show_all, lost, as_json)
             return
         robots.robots(heard.moment())
-        if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
+        if not heard.wait(period_s):
             raise KeyboardInterrupt
         moment = heard.moment()
         found = robots.robots(moment)
@@ -153,7 +149,7 @@ def _no_robot(moment: BusMoment) -> str:
 
 
 def _watch(
-    heard: "Listening",
+    heard: LiveView,
     watch: FleetWatch,
     period_s: float,
     show_all: bool,
@@ -161,7 +157,6 @@ def _watch(
     as_json: bool,
 ) -> None:
     frames_due_s, states = SYSTEM_CLOCK.elapsed_ns() / 1e9, dict[str, str]()
-    session = heard.node.session
     with suppress(KeyboardInterrupt), ExitStack() as stack:
         show = None if as_json else stack.enter_context(screen())
         while True:
@@ -172,8 +167,7 @@ def _watch(
             if has_frames:
                 took_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 - began_s
                 frames_due_s = began_s + min(took_s / _MOST_FOR_FRAMES, _FRAMES_EVERY_S)
-            # A client has its links by routers alone.
-            is_cut = session.settings.mode == "client" and not session.routers()
+            unlinked = heard.unlinked()
             news = [each for each in robots if states.get(each.name) != each.state]
             states = {each.name: each.state for each in robots}
             if show is None:
@@ -182,10 +176,10 @@ def _watch(
             else:
                 lines = as_lines(robots, moment.at_ns, None if show_all else _height())
                 lines = lines if robots else [f"Waiting: {_no_robot(moment)}"]
-                where = listed(session.settings.connect) or "a router"
-                show([paint(f"No link to {where}: robots cannot be seen", "bad")] * is_cut + lines)
-            lost.update(robots, is_cut=is_cut)
-            if not heard.node.wait(period_s, clock=SYSTEM_CLOCK):
+                cut = f"No link to {unlinked}: robots cannot be seen"
+                show([*([paint(cut, "bad")] if unlinked else []), *lines])
+            lost.update(robots, is_cut=bool(unlinked))
+            if not heard.wait(period_s):
                 return
 
 

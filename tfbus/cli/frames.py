@@ -3,11 +3,9 @@
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import TfbusError
 from tfbus.base.installation import install_command
 from tfbus.base.json_text import json_text
@@ -29,13 +27,10 @@ from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import Number, OutputFile, own_name
 from tfbus.frames import document
 from tfbus.frames.document import edge_lines, tree_lines
-from tfbus.frames.moment import BusMoment
+from tfbus.frames.moment import BusMoment, LiveView
 from tfbus.frames.picture import write_picture
 from tfbus.frames.snapshot import FrameTree
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.frames.command_listener import Listening
 
 _TEXTS: dict[str, Callable[[FrameTree], str]] = {
     ".dot": document.as_tf2_dot,
@@ -173,18 +168,18 @@ def _lines(moment: BusMoment, page: FleetPage, long: bool) -> list[str]:
     return document.summary(tree, shown, width=width())
 
 
-def _nothing(heard: "Listening") -> list[str]:
+def _nothing(heard: LiveView) -> list[str]:
     hint = heard.hint_while_empty()
     return [f"No frame yet: {hint}" if hint else "No frame yet"]
 
 
-def _watch(heard: "Listening", page: FleetPage, long: bool) -> None:
+def _watch(heard: LiveView, page: FleetPage, long: bool) -> None:
     heard.watch_nodes()
     with screen() as show:
         while True:
             moment = heard.moment()
             show(_lines(moment, page, long) if moment.tree.frames else _nothing(heard))
-            if not heard.node.wait(0.5, clock=SYSTEM_CLOCK):
+            if not heard.wait(0.5):
                 return
 
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, TypeVar
 
 import click
 
-from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.wording import counted, cut_middle, duration, listed, stamp_text, wrapped
 from tfbus.buffer.info import FrameInfo
 from tfbus.bus.settings import NodeSettings
@@ -179,7 +178,7 @@ def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> boo
     """Wait for one period; False if the node is shut down."""
     end_s = time.monotonic() + period_s
     while (left_s := end_s - time.monotonic()) > 0:
-        if not heard.node.wait(min(left_s, _LOOK_EVERY_S), clock=SYSTEM_CLOCK):
+        if not heard.wait(min(left_s, _LOOK_EVERY_S)):
             return False
         if pair is not None:
             pair.measure(heard, time.monotonic())

@@ -6,11 +6,10 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
-from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import LookupException, TfbusError
 from tfbus.base.installation import install_command
 from tfbus.base.wording import counted
@@ -28,14 +27,12 @@ from tfbus.command.types import (
     OutputFile,
     own_name,
 )
+from tfbus.frames.moment import LiveView
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
 from tfbus.frames.track import track_from_buffer
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.trajectory import Trajectory, read_echo
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.frames.command_listener import Listening
 
 V = TypeVar("V")
 
@@ -173,14 +170,14 @@ def _listen(
         cache_time_s=max(for_s or 0.0, _KEPT_S) + 5.0,
         sampling=sampling,
     ) as heard:
-        from_ns = heard.node.now_ns()
+        from_ns = heard.now_ns()
         if for_s is None:
             from_ns -= int(_KEPT_S * 1e9)
         elif not _wait(heard, for_s):
             say("Interrupted: plotting what has arrived so far")
         # Up to the newest known pose, not to now: later lookups would fail.
         try:
-            newest_ns = heard.buffer.latest_common_time(target, source) or heard.node.now_ns()
+            newest_ns = heard.buffer.latest_common_time(target, source) or heard.now_ns()
         except LookupException as error:
             if hint := heard.hint(error.frame):
                 raise click.ClickException(f"{error}; {hint}") from error
@@ -188,7 +185,7 @@ def _listen(
         return track_from_buffer(heard.buffer, target, source, from_ns, newest_ns, rate_hz)
 
 
-def _wait(heard: "Listening", for_s: float) -> bool:
+def _wait(heard: LiveView, for_s: float) -> bool:
     """Listen with a progress bar; False if Ctrl-C ends it early."""
     start_s = time.monotonic()
     with (
@@ -199,12 +196,13 @@ def _wait(heard: "Listening", for_s: float) -> bool:
     ):
         done = 0
         while (left_s := start_s + for_s - time.monotonic()) > 0:
-            if not heard.node.wait(min(left_s, 0.1), clock=SYSTEM_CLOCK):
-                break
+            if not heard.wait(min(left_s, 0.1)):
+                return False
             now = round((time.monotonic() - start_s) * 10)
             bar.update(now - done)
             done = now
-    return heard.node.ok
+        return True
+    return False
 
 
 def _show(track: Trajectory, output: Path | None, panels: tuple[Panel, ...]) -> None:

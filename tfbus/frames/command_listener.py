@@ -1,4 +1,6 @@
-"""A listener for commands that look at all frames; it has met all publishers when it is yielded."""
+"""A listener for commands that look at all frames, which has met all publishers when it is yielded;
+and the bus as programs watch it, by the same listener.
+"""
 
 import logging
 import math
@@ -11,11 +13,13 @@ from tfbus.base.clock import SYSTEM_CLOCK, Pace
 from tfbus.base.errors import TimeoutException
 from tfbus.base.own_pauses import MOST_TIMES, own_pauses
 from tfbus.base.stamps import MOST_AHEAD_NS
+from tfbus.base.wording import listed
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph_watch import GraphWatch
 from tfbus.bus.presence import Described, ask_graph, ask_streams
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
+from tfbus.frames.changes import BusChange, Changes, check_period
 from tfbus.frames.clocks import simulated_time
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import FrameTree, frame_tree
@@ -64,6 +68,20 @@ class Listening:
         """The time now, by the node's clock."""
         return self.node.now_ns()
 
+    def unlinked(self) -> str:
+        """The router without which this process sees nobody, while there is no link to it; "" if
+        there is one, or it needs none.
+        """
+        session = self.node.session
+        # A client has its links by routers alone.
+        if session.settings.mode != "client" or session.routers():
+            return ""
+        return listed(session.settings.connect) or "a router"
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for so many real seconds; False if the node was shut down."""
+        return self.node.wait(timeout_s, clock=SYSTEM_CLOCK)
+
     def tree(self, *, has_frames: bool = True) -> FrameTree:
         """The tree of frames now."""
         streams = self.listener.streams()
@@ -79,7 +97,7 @@ class Listening:
         waits = 0
         while waits < MOST_TIMES and (left_s := own_pauses().left_s()):
             waits += 1
-            if not self.node.wait(left_s, clock=SYSTEM_CLOCK):
+            if not self.wait(left_s):
                 raise KeyboardInterrupt
         return waits > 0
 
@@ -236,7 +254,7 @@ def meet_publishers(heard: Listening, within_s: float) -> None:
     deadline = scheduler.monotonic() + within_s
     known, since = _known(heard), scheduler.monotonic()
     while scheduler.monotonic() < deadline and heard.node.ok:
-        if not heard.node.wait(0.02, clock=SYSTEM_CLOCK):
+        if not heard.wait(0.02):
             break
         now = _known(heard)
         if now != known:
@@ -250,3 +268,51 @@ def _known(heard: Listening) -> tuple[int, int, int]:
     streams = [stream for stream in heard.listener.streams() if stream.alive]
     listed = {child for stream in streams for _, child, _ in stream.frames}
     return len(listed), len(listed.intersection(heard.buffer.frames())), len(streams)
+
+
+# Publishers of a program's watch are met in this time.
+_MEET_WITHIN_S = 2.0
+
+
+class Watch:
+    """The bus as it is now, seen by a listener of this node: its namespace, or a `fleet`.
+
+    Use it in a `with`, or `close()` it. It waits until the publishers that are there have been
+    heard, 3 s at the most, so make it outside of callbacks. `buffer` has the transforms.
+    """
+
+    def __init__(self, node: Node, *, fleet: Fleet | None = None) -> None:
+        self.buffer = Buffer()
+        listener = TransformListener(self.buffer, node, history_s=_HISTORY_S, fleet=fleet)
+        self._node = node
+        self._heard = Listening(node, self.buffer, listener, fleet)
+        meet_publishers(self._heard, _MEET_WITHIN_S)
+        self._heard.watch_nodes()
+
+    def __enter__(self) -> "Watch":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop listening. Twice is fine; closing the node does it too."""
+        self._heard.close()
+
+    def now(self) -> BusMoment:
+        """The bus now, with topics of nodes as they were up to a second ago."""
+        return self._heard.moment()
+
+    def changes(self, period_s: float = 0.2) -> Iterator[BusChange]:
+        """The changes of the bus, until the node is closed: first of all that is there, then each
+        when it is noticed, at most `period_s` later.
+        """
+        check_period(period_s)
+        return self._changes(period_s)
+
+    def _changes(self, period_s: float) -> Iterator[BusChange]:
+        changes = Changes()
+        while self._node.ok:
+            yield from changes.to(self.now())
+            if not self._heard.wait(period_s):
+                return

@@ -333,6 +333,25 @@ class BusView(Protocol):
         """The place of a frame, or of any frame; "" if that is not known."""
 
 
+class LiveView(BusView, Protocol):
+    """A view of the bus now, for a command that goes on."""
+
+    def moment(self, *, has_frames: bool = True) -> BusMoment:
+        """The bus now; without frames it takes less long."""
+
+    def watch_nodes(self) -> None:
+        """Let the moments from now on have the nodes as they are then."""
+
+    def hint_while_empty(self) -> str:
+        """`hint()` for a screen that shows nothing yet."""
+
+    def unlinked(self) -> str:
+        """The router without which this process sees nobody, while there is no link to it."""
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for so many real seconds; False if this process is to stop."""
+
+
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:
     """The status of a frame of this tree."""
     publisher, found = tree.publisher(frame), faults(tree, frame)

@@ -5,7 +5,7 @@ import shlex
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import click
 
@@ -34,12 +34,13 @@ from tfbus.command.options import listening_options, period_option
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import FrameName, own_name
 from tfbus.frames.clocks import is_another_time, whose_clock
-from tfbus.frames.moment import BusMoment, BusView, faults, state
+from tfbus.frames.moment import BusMoment, BusView, LiveView, faults, state
 from tfbus.frames.report import (
     EDGES,
     STREAMS,
     Column,
     MeasuredEdge,
+    Meter,
     Pair,
     PairWatch,
     Report,
@@ -48,9 +49,6 @@ from tfbus.frames.report import (
 )
 from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import Fleet
-
-if TYPE_CHECKING:
-    from tfbus.frames.command_listener import Listening
 
 T = TypeVar("T")
 
@@ -96,11 +94,13 @@ def command(
         return
     pair = PairWatch(target, source) if target is not None and source is not None else None
     page = FleetPage(None if pair else fleet)
+    from tfbus.frames.meter import TransformMeter  # slow, and `--help` does not need it
+
     with listening(settings, fleet, goes_on=not once) as heard:
         heard.watch_nodes()
         warn_of_unanswered(heard.moment().unanswered)
         _fitting(page, heard.moment())  # the rates of robots begin here
-        reports = _reports(heard, pair, period_s)
+        reports = _reports(heard, TransformMeter(heard.node, fleet), pair, period_s)
         first = next(reports, None)
         if first is None:
             raise KeyboardInterrupt
@@ -165,16 +165,15 @@ def _check(heard: BusView, report: Report, once: bool, of_bag: Sequence[str] = (
         raise click.ClickException(f"no transform yet: {hint}")
 
 
-def _reports(heard: "Listening", pair: PairWatch | None, period_s: float) -> Iterator[Report]:
+def _reports(
+    heard: LiveView, meter: Meter, pair: PairWatch | None, period_s: float
+) -> Iterator[Report]:
     """A report after each period, until the node is shut down."""
-    from tfbus.frames.meter import TransformMeter
-
-    meter = TransformMeter(heard.node, heard.fleet)
     while _measure(heard, pair, period_s):
         yield make_report(heard, meter, pair)
 
 
-def _measure(heard: "Listening", pair: PairWatch | None, period_s: float) -> bool:
+def _measure(heard: LiveView, pair: PairWatch | None, period_s: float) -> bool:
     """Wait for one period; False if the node is shut down."""
     end_s = time.monotonic() + period_s
     while (left_s := end_s - time.monotonic()) > 0:

@@ -339,7 +339,8 @@ def _shown(value: object) -> str:
     """
     if isinstance(value, str | bytes):
         return f"'{printable(str(value), 60)}'"
-    return {list: "a list", dict: "a map", set: "a set"}.get(type(value)) or f"{value!r}"
+    kinds: dict[type, str] = {list: "a list", dict: "a map", set: "a set"}
+    return kinds.get(type(value)) or f"{value!r}"
 
 
 def _check_range(name: str, value: float) -> None:

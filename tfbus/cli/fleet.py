@@ -176,8 +176,9 @@ def _watch(
             else:
                 lines = as_lines(robots, moment.at_ns, None if show_all else _height())
                 lines = lines if robots else [f"Waiting: {_no_robot(moment)}"]
-                cut = f"No link to {unlinked}: robots cannot be seen"
-                show([*([paint(cut, "bad")] if unlinked else []), *lines])
+                if unlinked:
+                    lines = [paint(f"No link to {unlinked}: robots cannot be seen", "bad"), *lines]
+                show(lines)
             lost.update(robots, is_cut=bool(unlinked))
             if not heard.wait(period_s):
                 return

@@ -1,10 +1,13 @@
 """A stream as tests receive it, and a buffer to look into."""
 
 import logging
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from tests.builders import S, payload, x_of
 from tfbus import Buffer, TransformListener, TransformStamped
+from tfbus.bus.session import Session
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.streams.registry import Registry
 from tfbus.streams.stream_facts import ReceptionHooks
@@ -25,6 +28,22 @@ def registry_of(listener: TransformListener) -> Registry:
 def receive(listener: TransformListener, key: str, data: bytes) -> None:
     """A message comes, and has been dealt with when this returns."""
     listener._on_message(key, data)
+
+
+class PutQuestion:
+    """A question about `what` that calls `ask(session, *what, on_answer, on_end)`."""
+
+    def __init__(self, ask: Callable[..., object], *what: Any) -> None:
+        self._ask = ask
+        self._what = what
+
+    def ask(self, session: Session, on_answer: Any, on_end: Any) -> None:
+        self._ask(session, *self._what, on_answer, on_end)
+
+
+def questions_for(ask: Callable[..., object]) -> Callable[..., PutQuestion]:
+    """Makes questions that `ask` gets in the place of the bus."""
+    return partial(PutQuestion, ask)
 
 
 def appear(stream: StreamReception) -> None:

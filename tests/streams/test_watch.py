@@ -8,6 +8,7 @@ import pytest
 from tests.buses import eventually
 from tests.live_bus import free_port
 from tests.simulated_bus import Bus
+from tests.streams.received import questions_for
 from tfbus import (
     Node,
     NodeSettings,
@@ -152,7 +153,7 @@ def test_a_missing_description_is_asked_for_again_and_again(
         asked.append(key)
         on_end()
 
-    monkeypatch.setattr(description_queries, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "description_question", questions_for(ask))
     ask_after(monkeypatch, Pauses((0.001, 0.002), forever=True))
     session = bus.node("sim").session
     first = session.token("@tfbus/stream/first")
@@ -177,7 +178,7 @@ def test_a_lost_question_is_not_waited_for(
         questions.append(on_answer)
         ends.append(on_end)
 
-    monkeypatch.setattr(description_queries, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "description_question", questions_for(ask))
     impatient = Pauses((0.001,), forever=True, lost_after_s=0.001)
     ask_after(monkeypatch, impatient)
     lone = bus.node("sim").session.token("@tfbus/stream/lone")
@@ -210,7 +211,7 @@ def test_a_token_that_comes_and_goes_leads_to_one_question_at_a_time(
             others.append(key)
             on_end()
 
-    monkeypatch.setattr(description_queries, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "description_question", questions_for(ask))
     ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for number in range(8):
@@ -242,7 +243,7 @@ def test_a_description_that_cannot_be_read_is_asked_for_once(
             on_answer(Answer(key, b"nonsense"))
         on_end()
 
-    monkeypatch.setattr(description_queries, "ask_for_description", ask)
+    monkeypatch.setattr(description_queries, "description_question", questions_for(ask))
     ask_after(monkeypatch, Pauses((0.001,), forever=True))
     session = bus.node("sim").session
     for times in (1, 2):

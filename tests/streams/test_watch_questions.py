@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 
+from tests.streams.received import questions_for
 from tfbus.base import scheduler
 from tfbus.base.executor import Executor
 from tfbus.base.own_pauses import OwnPauses
@@ -52,11 +53,12 @@ class Questions:
         self.settings = NodeSettings("listener")
         monkeypatch.setattr(scheduler, "monotonic", lambda: self.now_s)
         monkeypatch.setattr(watch, "own_pauses", OwnPauses)
-        monkeypatch.setattr(owners, "ask_for_description", self.ask)
-        monkeypatch.setattr(description_queries, "ask_for_description", self.ask)
-        monkeypatch.setattr(description_queries, "ask_for_descriptions", self.ask_together)
+        monkeypatch.setattr(owners, "description_question", questions_for(self.ask))
+        monkeypatch.setattr(description_queries, "description_question", questions_for(self.ask))
+        together = questions_for(self.ask_together)
+        monkeypatch.setattr(description_queries, "descriptions_question", together)
         monkeypatch.setattr(watch, "declare_signed_subscriber", self.subscribe)
-        monkeypatch.setattr(description_queries, "ask_who_lists", self.seek)
+        monkeypatch.setattr(description_queries, "listing_question", questions_for(self.seek))
         self.watch = StreamWatch(
             cast(Session, self),
             self.changed.append,
@@ -325,7 +327,8 @@ def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(
 ) -> None:
     """An answer waits for the link, where what a publisher sends by itself overtakes it."""
     asked: list[Callable[[Answer], None]] = []
-    monkeypatch.setattr(owners, "ask_for_description", lambda *args: asked.append(args[3]))
+    ask = questions_for(lambda *args: asked.append(args[3]))
+    monkeypatch.setattr(owners, "description_question", ask)
     former = replace(description(1), session="a")
     removed = replace(description(2), session="b")
     listed = replace(removed, frames=(("world", "robot", False),))

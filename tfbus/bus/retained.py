@@ -159,7 +159,16 @@ def _ask_urgently(
         if answer.refusal is None:
             callback(answer.key, answer.payload)
 
-    ask_retained_later(session, key, take, lambda: None, timeout_s=_ANSWER_WITHIN_S, others=others)
+    session.ask_later(
+        retained_selector(key),
+        None,
+        take,
+        lambda: None,
+        timeout_s=_ANSWER_WITHIN_S,
+        answers_at=key,
+        others=others,
+        priority="urgent",
+    )
 
 
 def _subscriber(
@@ -179,29 +188,12 @@ def _subscriber(
 
 def ask_retained(session: Session, key: str, *, timeout_s: float = 1.0) -> Iterator[Answer]:
     """Iterate over the retained messages within `key`, each at its own key, as `Session.ask`."""
-    return session.ask(f"{key}{_RETAINED}", timeout_s=timeout_s, answers_at=key)
+    return session.ask(retained_selector(key), timeout_s=timeout_s, answers_at=key)
 
 
-def ask_retained_later(
-    session: Session,
-    key: str,
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-    *,
-    timeout_s: float,
-    others: bool = False,
-) -> None:
-    """Ask as `ask_retained` does and return at once, as `Session.ask_later`."""
-    session.ask_later(
-        f"{key}{_RETAINED}",
-        None,
-        on_answer,
-        on_end,
-        timeout_s=timeout_s,
-        answers_at=key,
-        others=others,
-        priority="urgent",
-    )
+def retained_selector(key: str) -> str:
+    """The selector of the retained messages within `key`; answers are at keys of their own."""
+    return f"{key}{_RETAINED}"
 
 
 # As rmw_zenoh does it, by any session

@@ -18,9 +18,9 @@ from tfbus.streams.owners import MOST_ANSWERS, Owners
 from tfbus.streams.queries import (
     ANSWER_WITHIN_S,
     PATIENT_FROM_TURN,
-    ask_for_description,
-    ask_for_descriptions,
-    ask_who_lists,
+    description_question,
+    descriptions_question,
+    listing_question,
 )
 from tfbus.streams.stream_states import StreamStates
 from tfbus.wire.descriptions import StreamDescription
@@ -226,7 +226,8 @@ class DescriptionQueries:
             self._ask_next()
 
         with suppress(BusError):  # the session is closed
-            ask_for_descriptions(self._session, self._all_keys, on_answer, lambda: self._do(end))
+            question = descriptions_question(self._all_keys)
+            question.ask(self._session, on_answer, partial(self._do, end))
             self._executor.after(_TAKEN_AFTER_S, take)
 
     def _take_best(self, key: str, answers: list[Answer]) -> None:
@@ -288,7 +289,7 @@ class _AskForDescription(AskUntil):
             # After the answers of this question have been looked at.
             queries._do(partial(self._count_end, turn))
 
-        ask_for_description(queries._session, self._key, turn, self._receive, end)
+        description_question(self._key, turn).ask(queries._session, self._receive, end)
         if turn >= PATIENT_FROM_TURN:
             queries._executor.after(ANSWER_WITHIN_S, partial(self._count_end, turn))
 
@@ -412,7 +413,8 @@ class _AskWhoLists(AskUntil):
         self._frames = frames
 
     def ask(self, turn: int, on_end: Callable[[], None]) -> None:
-        ask_who_lists(self._wanted._session, self._keys, self._frames, self._receive, on_end)
+        question = listing_question(self._keys, self._frames)
+        question.ask(self._wanted._session, self._receive, on_end)
 
     def _receive(self, answer: Answer) -> None:
         if answer.refusal is None:

@@ -9,7 +9,7 @@ from tfbus.base.wording import stamp_text
 from tfbus.bus.query import Answer, AskUntil, Pauses
 from tfbus.bus.session import Session
 from tfbus.streams.info import StreamState
-from tfbus.streams.queries import ask_for_description
+from tfbus.streams.queries import description_question
 from tfbus.streams.stream_facts import is_from_future
 from tfbus.streams.stream_states import StreamStates
 from tfbus.wire.descriptions import StreamDescription
@@ -167,7 +167,8 @@ class _AskOwners(AskUntil):
         self._key = key
 
     def ask(self, turn: int, on_end: Callable[[], None]) -> None:
-        ask_for_description(self._owners._session, self._key, turn, self.receive, on_end)
+        question = description_question(self._key, turn)
+        question.ask(self._owners._session, self.receive, on_end)
 
     @abstractmethod
     def receive(self, answer: Answer) -> None:

@@ -15,6 +15,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
+from typing import NamedTuple
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
@@ -23,7 +24,7 @@ from tfbus.base.executor import Executor
 from tfbus.base.structs import Struct
 from tfbus.buffer.buffer import Buffer
 from tfbus.bus.query import Answer, AskUntil, Pauses
-from tfbus.bus.retained import ask_retained_later
+from tfbus.bus.retained import retained_selector
 from tfbus.bus.session import Session
 from tfbus.streams.reception import StreamReception
 from tfbus.wire.codec import encode_message
@@ -47,89 +48,77 @@ def _answer_within_s(turn: int) -> float:
     return ANSWER_WITHIN_S if turn < PATIENT_FROM_TURN else _LATE_ANSWER_WITHIN_S
 
 
-def ask_for_statics(
-    session: Session,
-    stream_key: str,
-    turn: int,
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-) -> None:
-    """Query the static transforms of the stream of this token; `turn` counts from 0."""
-    key = static_transforms_key_beside(stream_key)
-    if turn % 2:
-        within_s = _answer_within_s(turn)
-        session.ask_later(key, None, on_answer, on_end, timeout_s=within_s, priority="urgent")
-    else:
-        ask_retained_later(session, key, on_answer, on_end, timeout_s=_answer_within_s(turn))
+class StreamQuestion(NamedTuple):
+    """A question to the publishers of streams, at a selector. The keys of answers are within
+    `answers_at` if that is not the selector's.
 
-
-def ask_for_description(
-    session: Session,
-    stream_key: str,
-    turn: int,
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-) -> None:
-    """Query the description of the stream of this token; `turn` counts from 0."""
-    within_s = _answer_within_s(turn)
-    if turn % 2 == 0:
-        ask_retained_later(session, stream_key, on_answer, on_end, timeout_s=within_s)
-    else:
-        _ask_beside(session, stream_key, None, on_answer, on_end, within_s)
-
-
-def ask_who_lists(
-    session: Session,
-    stream_keys: str,
-    children: Iterable[str],
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-) -> None:
-    """Query the descriptions that list one of these child frames, of the streams whose tokens lie
-    within `stream_keys`. Publishers of earlier versions answer whatever they list.
+    A question that is put `beside`, at the keys of static transforms, is for descriptions; earlier
+    versions of tfbus answer it with static transforms, which are left out.
     """
-    payload = encode_message(FramesAsked(tuple(sorted(children))))
-    _ask_beside(session, stream_keys, payload, on_answer, on_end, ANSWER_WITHIN_S)
+
+    selector: str
+    timeout_s: float
+    answers_at: str = ""
+    beside: bool = False
+    payload: bytes | None = None
+
+    def ask(
+        self, session: Session, on_answer: Callable[[Answer], None], on_end: Callable[[], None]
+    ) -> None:
+        """Ask, and return at once, as `Session.ask_later`."""
+
+        def on_description(answer: Answer) -> None:
+            if answer.refusal is not None or may_describe(answer.key):
+                on_answer(answer)
+
+        session.ask_later(
+            self.selector,
+            self.payload,
+            on_description if self.beside else on_answer,
+            on_end,
+            timeout_s=self.timeout_s,
+            answers_at=self.answers_at,
+            priority="urgent",
+        )
 
 
-def _ask_beside(
-    session: Session,
-    stream_key: str,
-    payload: bytes | None,
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-    within_s: float,
-) -> None:
-    """Query descriptions at the keys of static transforms."""
+def statics_question(stream_key: str, turn: int) -> StreamQuestion:
+    """For the static transforms of the stream of this token; `turn` counts from 0."""
+    key = static_transforms_key_beside(stream_key)
+    within_s = _answer_within_s(turn)
+    return StreamQuestion(key, within_s) if turn % 2 else _for_retained(key, within_s)
 
-    def on_any_answer(answer: Answer) -> None:
-        # Earlier versions of tfbus answer with the static transforms, at their key.
-        if answer.refusal is not None or may_describe(answer.key):
-            on_answer(answer)
 
-    session.ask_later(
-        description_selector(static_transforms_key_beside(stream_key)),
-        payload,
-        on_any_answer,
-        on_end,
-        timeout_s=within_s,
-        answers_at=stream_key,
-        priority="urgent",
-    )
+def description_question(stream_key: str, turn: int) -> StreamQuestion:
+    """For the description of the stream of this token; `turn` counts from 0."""
+    within_s = _answer_within_s(turn)
+    return _beside(stream_key, within_s) if turn % 2 else _for_retained(stream_key, within_s)
 
 
 # Of many streams some may not answer; they are asked one by one afterwards.
 _ALL_WITHIN_S = 1.0
 
 
-def ask_for_descriptions(
-    session: Session,
-    keys: str,
-    on_answer: Callable[[Answer], None],
-    on_end: Callable[[], None],
-) -> None:
-    """Query the descriptions of all streams whose tokens lie within `keys`, by one question."""
-    ask_retained_later(session, keys, on_answer, on_end, timeout_s=_ALL_WITHIN_S)
+def descriptions_question(keys: str) -> StreamQuestion:
+    """For the descriptions of all streams whose tokens lie within `keys`, at once."""
+    return _for_retained(keys, _ALL_WITHIN_S)
+
+
+def listing_question(stream_keys: str, children: Iterable[str]) -> StreamQuestion:
+    """For the descriptions that list one of these child frames, of the streams whose tokens lie
+    within `stream_keys`. Publishers of earlier versions answer whatever they list.
+    """
+    payload = encode_message(FramesAsked(tuple(sorted(children))))
+    return _beside(stream_keys, ANSWER_WITHIN_S, payload)
+
+
+def _for_retained(key: str, within_s: float) -> StreamQuestion:
+    return StreamQuestion(retained_selector(key), within_s, key)
+
+
+def _beside(stream_key: str, within_s: float, payload: bytes | None = None) -> StreamQuestion:
+    selector = description_selector(static_transforms_key_beside(stream_key))
+    return StreamQuestion(selector, within_s, stream_key, beside=True, payload=payload)
 
 
 _PAUSES = Pauses((0.1, 0.4, 1.0, 2.0, 4.0, 8.0), forever=True, lost_after_s=0.5)
@@ -190,7 +179,8 @@ class _AskStatics(AskUntil):
         self._stream = stream
 
     def ask(self, turn: int, on_end: Callable[[], None]) -> None:
-        ask_for_statics(self._recovery._session, self._key, turn, self._receive, on_end)
+        question = statics_question(self._key, turn)
+        question.ask(self._recovery._session, self._receive, on_end)
 
     def _receive(self, answer: Answer) -> None:
         if answer.refusal is None and not self.is_over:

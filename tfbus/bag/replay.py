@@ -12,7 +12,6 @@ from tfbus.bag.replayed_time import (
     clock_topic_of,
     is_clock,
     moved,
-    moved_ns,
     moved_to,
     stamps_ahead_ns,
     with_stamps,
@@ -308,7 +307,7 @@ class Republisher:
         if self._stamps != "now":
             return item.values
         try:
-            values = with_stamps(item.values, lambda ns: moved_ns(ns, pace, self._ahead_ns))
+            values = with_stamps(item.values, pace, self._ahead_ns)
         except RecursionError as error:
             raise BusError("it is nested too deeply for its stamps to be moved") from error
         if values is item.values and item.encoded is None and not _is_supplied(item.type_name):

@@ -1,6 +1,6 @@
 """Time of a replay: the simulated clock, and stamps moved to now."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from itertools import islice
 from typing import Any
 
@@ -175,41 +175,43 @@ def _stamped(rows: Columns, stamps: "NDArray[np.int64]") -> Columns:
     return Columns.of_bytes(rows.frames, rows.edges_bytes(), stamps.tobytes(), rows.poses_bytes())
 
 
-def with_stamps(values: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
-    """The fields of a message with its stamps as `move(ns)` has them, in nested messages too; the
-    same object if it has none.
+def with_stamps(values: Mapping[str, Any], pace: Pace, ahead_ns: int) -> Mapping[str, Any]:
+    """The fields of a message with its stamps moved as those of rows are, in nested messages too;
+    the same object if it has none.
 
     A stamp is an integer `stamp_ns`, or a ROS header's. 0 stays: it stands for no time.
     """
     if values.keys() == _HEADER:
         stamp = values["stamp"]
         if isinstance(stamp, dict) and stamp.keys() == _TIME:
-            return {**values, "stamp": _moved_time(stamp, move)}
+            return {**values, "stamp": _moved_time(stamp, pace, ahead_ns)}
     changed = {
         key: new
         for key, value in values.items()
-        if (new := _moved_in(key, value, move)) is not None
+        if (new := _moved_in(key, value, pace, ahead_ns)) is not None
     }
     return {**values, **changed} if changed else values
 
 
-def _moved_in(key: str, value: Any, move: Callable[[int], int]) -> Any:
+def _moved_in(key: str, value: Any, pace: Pace, ahead_ns: int) -> Any:
     """A field with its stamps moved; None if it has none."""
     if key == _STAMP:
-        return move(value) if type(value) is int and value else None
+        return moved_ns(value, pace, ahead_ns) if type(value) is int and value else None
     if isinstance(value, dict):
-        moved_value = with_stamps(value, move)
+        moved_value = with_stamps(value, pace, ahead_ns)
         return None if moved_value is value else moved_value
     if isinstance(value, list) and value and isinstance(value[0], dict):
-        items = [with_stamps(each, move) if isinstance(each, dict) else each for each in value]
+        items = [
+            with_stamps(each, pace, ahead_ns) if isinstance(each, dict) else each for each in value
+        ]
         is_same = all(new is each for new, each in zip(items, value, strict=True))
         return None if is_same else items
     return None
 
 
-def _moved_time(stamp: Mapping[str, Any], move: Callable[[int], int]) -> Mapping[str, Any]:
+def _moved_time(stamp: Mapping[str, Any], pace: Pace, ahead_ns: int) -> Mapping[str, Any]:
     sec, nanosec = stamp["sec"], stamp["nanosec"]
     if type(sec) is not int or type(nanosec) is not int or not (sec or nanosec):
         return stamp
-    sec, nanosec = divmod(move(sec * _SECOND_NS + nanosec), _SECOND_NS)
+    sec, nanosec = divmod(moved_ns(sec * _SECOND_NS + nanosec, pace, ahead_ns), _SECOND_NS)
     return {"sec": sec, "nanosec": nanosec}

@@ -4,6 +4,7 @@ import os
 import shutil
 import stat
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -232,6 +233,7 @@ def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, r
         (("add", "arm", "--role", "reader"), 2, "there is an identity 'arm' already"),
         (("add", "authority", "--role", "reader"), 2, "'authority'"),
         (("add", "a b", "--role", "reader"), 2, "cannot be a node's name"),
+        (("add", "arm_left", "--role", "reader"), 2, "identity 'arm' has arm_*"),
         (("add", "leg"), 2, "Missing option '--role'"),
         (("add", "leg", "--role", "boss"), 2, "'boss' is not one of"),
         (("add", "leg", "--role", "reader", "--frames", "a**"), 2, "whole parts"),
@@ -292,6 +294,23 @@ def test_an_authority_is_never_replaced(store: Keystore, kept: str) -> None:
     result = CliRunner().invoke(main, ["keys", "init", str(store.path)])
     assert (result.exit_code, "authority" in result.output) == (2, True), result.output
     assert {path: path.read_bytes() for path in store.path.rglob("*.*")} == before
+
+
+@pytest.mark.real
+def test_identities_that_are_added_at_once_are_all_there(store: Keystore) -> None:
+    """Of several commands none takes back what another has written, such as a revocation."""
+    commands = [
+        *(["add", f"robot{number}", "--role", "reader"] for number in range(4)),
+        ["revoke", "arm"],
+    ]
+    started = [
+        subprocess.Popen([sys.executable, "-m", "tfbus", "keys", *each, "--keys", str(store.path)])
+        for each in commands
+    ]
+    assert [each.wait() for each in started] == 5 * [0]
+    identities = store.rights.identities
+    assert identities.keys() == {"arm", *(f"robot{number}" for number in range(4))}
+    assert identities["arm"].revoked
 
 
 def test_a_keystore_s_folder_may_have_a_long_name(tmp_path: Path) -> None:

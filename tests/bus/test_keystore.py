@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests import needs
-from tfbus import SettingsError
+from tfbus import SettingsError, TfbusError
 from tfbus.cli import main
 
 pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
@@ -177,6 +177,15 @@ def exchange_authority_key(store: Keystore) -> None:
     shutil.copy(store.path / "arm" / "key.pem", store.path / "authority" / "key.pem")
 
 
+def spoil_name(store: Keystore) -> None:
+    (store.path / "arm" / "identity.yaml").write_text("name: arm")
+
+
+def spoil_zone(store: Keystore) -> None:
+    times = "begins: 2020-01-01\nends: 2120-01-01"
+    (store.path / "arm" / "identity.yaml").write_text(f"name: arm\n{times}")
+
+
 def spoil_rights(store: Keystore) -> None:
     store.export("arm", store.path.parent / "away")
     store.add(Identity("leg", "reader"), days=90)
@@ -217,13 +226,15 @@ def test_check_finds_what_is_wrong(store: Keystore, spoil: object, problem: str)
         (spoil_mode, "chmod 600"),
         (spoil_file, "export the identity again"),
         (lambda store: store.revoke("arm"), "was revoked on"),
+        (spoil_name, "identity.yaml:1: has no begins, ends: export the identity again"),
+        (spoil_zone, "identity.yaml:2: begins: .* is not a time with its zone"),
     ],
 )
 def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, reason: str) -> None:
     """An identity that is not safe, whole or valid is refused before anything is sent."""
     assert callable(spoil)
     spoil(store)
-    with pytest.raises(SettingsError, match=reason):
+    with pytest.raises(TfbusError, match=reason):
         open_folder(store.path / "arm")
 
 

@@ -339,7 +339,9 @@ def _shown(value: object) -> str:
     """
     if isinstance(value, str | bytes):
         return f"'{printable(str(value), 60)}'"
-    return {list: "a list", dict: "a map", set: "a set"}.get(type(value)) or f"{value!r}"
+    if isinstance(value, list | dict | set):
+        return "a list" if isinstance(value, list) else "a map"
+    return f"{value!r}"
 
 
 def _check_range(name: str, value: float) -> None:

@@ -4,6 +4,7 @@ import os
 import shutil
 import stat
 import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests import needs
-from tfbus import SettingsError
+from tfbus import SettingsError, TfbusError
 from tfbus.cli import main
 
 pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
@@ -176,6 +177,15 @@ def exchange_authority_key(store: Keystore) -> None:
     shutil.copy(store.path / "arm" / "key.pem", store.path / "authority" / "key.pem")
 
 
+def spoil_name(store: Keystore) -> None:
+    (store.path / "arm" / "identity.yaml").write_text("name: arm")
+
+
+def spoil_zone(store: Keystore) -> None:
+    times = "begins: 2020-01-01\nends: 2120-01-01"
+    (store.path / "arm" / "identity.yaml").write_text(f"name: arm\n{times}")
+
+
 def spoil_rights(store: Keystore) -> None:
     store.export("arm", store.path.parent / "away")
     store.add(Identity("leg", "reader"), days=90)
@@ -216,13 +226,15 @@ def test_check_finds_what_is_wrong(store: Keystore, spoil: object, problem: str)
         (spoil_mode, "chmod 600"),
         (spoil_file, "export the identity again"),
         (lambda store: store.revoke("arm"), "was revoked on"),
+        (spoil_name, "identity.yaml:1: has no begins, ends: export the identity again"),
+        (spoil_zone, "identity.yaml:2: begins: .* is not a time with its zone"),
     ],
 )
 def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, reason: str) -> None:
     """An identity that is not safe, whole or valid is refused before anything is sent."""
     assert callable(spoil)
     spoil(store)
-    with pytest.raises(SettingsError, match=reason):
+    with pytest.raises(TfbusError, match=reason):
         open_folder(store.path / "arm")
 
 
@@ -232,6 +244,7 @@ def test_a_folder_that_cannot_be_used_says_why(store: Keystore, spoil: object, r
         (("add", "arm", "--role", "reader"), 2, "there is an identity 'arm' already"),
         (("add", "authority", "--role", "reader"), 2, "'authority'"),
         (("add", "a b", "--role", "reader"), 2, "cannot be a node's name"),
+        (("add", "arm_left", "--role", "reader"), 2, "identity 'arm' has arm_*"),
         (("add", "leg"), 2, "Missing option '--role'"),
         (("add", "leg", "--role", "boss"), 2, "'boss' is not one of"),
         (("add", "leg", "--role", "reader", "--frames", "a**"), 2, "whole parts"),
@@ -292,6 +305,23 @@ def test_an_authority_is_never_replaced(store: Keystore, kept: str) -> None:
     result = CliRunner().invoke(main, ["keys", "init", str(store.path)])
     assert (result.exit_code, "authority" in result.output) == (2, True), result.output
     assert {path: path.read_bytes() for path in store.path.rglob("*.*")} == before
+
+
+@pytest.mark.real
+def test_identities_that_are_added_at_once_are_all_there(store: Keystore) -> None:
+    """Of several commands none takes back what another has written, such as a revocation."""
+    commands = [
+        *(["add", f"robot{number}", "--role", "reader"] for number in range(4)),
+        ["revoke", "arm"],
+    ]
+    started = [
+        subprocess.Popen([sys.executable, "-m", "tfbus", "keys", *each, "--keys", str(store.path)])
+        for each in commands
+    ]
+    assert [each.wait() for each in started] == 5 * [0]
+    identities = store.rights.identities
+    assert identities.keys() == {"arm", *(f"robot{number}" for number in range(4))}
+    assert identities["arm"].revoked
 
 
 def test_a_keystore_s_folder_may_have_a_long_name(tmp_path: Path) -> None:

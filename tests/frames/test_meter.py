@@ -9,7 +9,7 @@ from tests.builders import at, payload
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus import Transform, TransformBroadcaster, TransformStamped
-from tfbus.base.clock import SystemClock
+from tfbus.base.clock import SimulatedClock, SystemClock
 from tfbus.frames import meter as meter_module
 from tfbus.frames.meter import TransformMeter
 from tfbus.frames.report import EdgeFlow
@@ -55,6 +55,28 @@ def test_an_edge_has_its_gap_order_and_delays(bus: Bus) -> None:
     assert flow().rate_hz is not None
     assert meter.stream("robot").messages_hz > 0.0
     assert 100 < (meter.streams()["robot"].largest_bytes or 0) < 1000
+
+
+def test_a_publisher_that_begins_again_earlier_is_not_out_of_order(bus: Bus) -> None:
+    """As the player of a recording does in each of its loops: only its older samples count."""
+    meter = TransformMeter(bus.node("meter"))
+    for epoch_ns in (1, 2):
+        for stamp_ns in (10 * S, 30 * S, 20 * S):
+            meter.receive("tf/player", payload([at(1, "base", stamp_ns)], epoch_ns))
+    (flow,) = meter.edges()
+    assert (flow.out_of_order, flow.longest_gap_s) == (2, 20.0)
+
+
+def test_samples_after_a_jump_back_of_the_clock_are_not_out_of_order(bus: Bus) -> None:
+    """A simulator that is reset begins again, and its publishers go on."""
+    node = bus.node("meter", sim_time=True)
+    assert isinstance(node.clock, SimulatedClock)
+    meter = TransformMeter(node)
+    for now_s in (10, 20, 1, 2):
+        node.clock.set(now_s * S)
+        meter.receive("tf/sim", payload([at(1, "base", now_s * S)]))
+    (flow,) = meter.edges()
+    assert flow.out_of_order == 0
 
 
 def test_rates_are_in_real_time_where_a_simulated_clock_stands_still(bus: Bus) -> None:

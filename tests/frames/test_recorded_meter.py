@@ -78,6 +78,19 @@ def test_out_of_order_and_zero_stamps_are_counted(tmp_path: Path) -> None:
     assert (flow.out_of_order, flow.at_zero) == (2, 1)
 
 
+def test_a_publisher_that_began_again_earlier_was_not_out_of_order(tmp_path: Path) -> None:
+    """Only its samples that are older than one before of the same epoch count."""
+    path = write(
+        tmp_path / "run.mcap",
+        [
+            sent(publisher("sim", epoch_s), log_s, ("world", "base", 0.0), stamp_ns=at(stamp_s))
+            for epoch_s, log_s, stamp_s in ((0, 1, 1), (0, 2, 3), (0, 3, 2), (3, 4, 1), (3, 5, 2))
+        ],
+    )
+    (flow,) = flows(report(path))
+    assert flow.out_of_order == 1
+
+
 def test_a_pause_of_the_recorder_is_no_gap(tmp_path: Path) -> None:
     """Nothing is known of the time in which it was paused."""
     path = write(

@@ -1,6 +1,8 @@
 """The views of the page's cameras, and the selected frame of each browser."""
 
 import math
+import tracemalloc
+from itertools import count
 from types import SimpleNamespace
 from typing import Any
 
@@ -76,6 +78,26 @@ def test_cameras_keep_what_they_see_when_the_fixed_frame_changes() -> None:
     assert seen.look_at == pytest.approx(moved.apply(ARM.middle))
     assert distance_m(seen) == pytest.approx(before_m)
     assert server.initial_camera.look_at == pytest.approx(moved.apply(ARM.middle))
+
+
+def test_browsers_that_have_left_take_no_memory() -> None:
+    """Each time that a page is loaded it is another browser."""
+    server = Server()
+    cameras = Cameras(server)
+
+    def load_pages() -> int:
+        for _ in range(200):
+            server.clients = {next(numbers): SimpleNamespace(camera=camera((1, 1, 1), (0, 0, 0)))}
+            cameras.aim(ARM, False, 3)
+        return tracemalloc.get_traced_memory()[0]
+
+    numbers = count()
+    tracemalloc.start()
+    try:
+        first, second = load_pages(), load_pages()
+    finally:
+        tracemalloc.stop()
+    assert second - first < 20_000
 
 
 def test_cameras_that_the_user_has_not_moved_follow_a_robot_that_is_being_built(

@@ -70,6 +70,21 @@ def test_a_choice_survives_that_the_first_entry_is_renamed(dropdown: Any) -> Non
     assert chosen == ["base", ""]
 
 
+def test_a_frame_may_have_the_name_of_the_first_entry(dropdown: Any) -> None:
+    """No two entries are alike, with which a browser shows nothing at all; each can be chosen."""
+    made, handle, chosen = dropdown
+    for _ in range(2):
+        made.offer(["arm", "automatic"], "")
+        assert handle.options == ("(automatic)", "arm", "automatic")
+        assert handle.value == "(automatic)"
+    handle.set_by("automatic")()
+    handle.set_by("(automatic)")()
+    made.offer(["arm", "automatic", "(automatic)"], "automatic")
+    assert handle.options[0] == "((automatic))"
+    assert handle.value == "automatic"
+    assert chosen == ["automatic", ""]
+
+
 def test_a_change_by_the_program_is_shown_after_a_choice(dropdown: Any) -> None:
     """Also back to what was shown before it."""
     made, handle, _ = dropdown

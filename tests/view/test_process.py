@@ -4,6 +4,7 @@ import http.client
 import socket
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -17,6 +18,8 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 import viser
 
+from tfbus.view import screenshot
+from tfbus.view.screenshot import BrowserError, Screenshot
 from tfbus.view.server import ServeError, serve
 
 
@@ -161,3 +164,21 @@ def test_a_port_is_a_number(bus: Bus, port: str) -> None:
     done = bus.run("view", "--port", port)
     assert done.returncode == 2
     assert f"'{port}'" in done.stderr and "from 1 to 65535" in done.stderr
+
+
+@pytest.mark.real
+def test_a_browser_that_says_nothing_is_given_up(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture is not waited for without end: the error says that it did not start."""
+    monkeypatch.setattr(screenshot, "_PATIENCE_S", 0.2)
+    browser = tmp_path / "chromium"
+    browser.write_text("#!/bin/sh\nexec sleep 1000\n")
+    browser.chmod(0o755)
+    shot = Screenshot(tmp_path / "out.png", 0.0, (640, 480), str(browser))
+    ended = threading.Event()
+    shot.begin("http://127.0.0.1:1", lambda: "", ended.set)
+    has_ended = ended.wait(DEADLINE_S)
+    with pytest.raises(BrowserError, match="did not start within"):
+        shot.finish()
+    assert has_ended

@@ -4,6 +4,7 @@ import hashlib
 import os
 import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
@@ -142,7 +143,10 @@ def open_folder(path: str | os.PathLike[str]) -> SecureFolder:
     if missing:
         raise SettingsError(f"{path} has no {', '.join(missing)}: export the identity again")
     check_key_is_own(folder / KEY_FILE)
-    fields = read_yaml_file(folder / NAME_FILE, "the identity's name").fields(_FIELDS)
+    document = read_yaml_file(folder / NAME_FILE, "the identity's name")
+    fields = document.fields(_FIELDS)
+    if lacking := [each for each in _FIELDS if each not in fields]:
+        raise document.place.mistake(f"has no {', '.join(lacking)}: export the identity again")
     name, begins, ends = fields["name"].text(), _time(fields["begins"]), _time(fields["ends"])
     _check_time(name, begins, ends)
     digest = hashlib.sha256(rights_file.read_bytes()).hexdigest()[:16]
@@ -182,10 +186,11 @@ def _shown(time: datetime) -> str:
 
 
 def _time(value: Value) -> datetime:
-    try:
-        return datetime.fromisoformat(value.text())
-    except ValueError:
-        raise value.place.mistake(f"{value.text()!r} is not a time: export it again") from None
+    with suppress(ValueError):
+        time = datetime.fromisoformat(value.text())
+        if time.tzinfo is not None:
+            return time
+    raise value.place.mistake(f"{value.text()!r} is not a time with its zone: export it again")
 
 
 def _check_time(name: str, begins: datetime, ends: datetime) -> None:

@@ -8,6 +8,7 @@ import ipaddress
 import os
 import shlex
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -307,14 +308,16 @@ class Keystore:
 
     def add(self, identity: Identity, days: float) -> Path:
         """Make an identity; returns its folder. Raises SettingsError if there is one."""
-        rights = self.rights
-        if identity.name in rights.identities or identity.name == AUTHORITY:
-            raise SettingsError(
-                f"there is an identity {identity.name!r} already; its rights are in "
-                f"{self.path / RIGHTS_FILE}, and tfbus keys renew makes a new certificate"
-            )
-        folder = self._issue(identity, days)
-        self.set_rights(Rights({**rights.identities, identity.name: identity}))
+        with self._alone():
+            known = self.rights.identities
+            if identity.name in known or identity.name == AUTHORITY:
+                raise SettingsError(
+                    f"there is an identity {identity.name!r} already; its rights are in "
+                    f"{self.path / RIGHTS_FILE}, and tfbus keys renew makes a new certificate"
+                )
+            rights = Rights({**known, identity.name: identity})
+            folder = self._issue(identity, days)
+            self.set_rights(rights)
         return folder
 
     def renew(self, name: str, days: float) -> Path:
@@ -328,9 +331,10 @@ class Keystore:
 
     def revoke(self, name: str) -> None:
         """End all rights of an identity, for all that have the new rights."""
-        rights = self.rights
-        revoked = replace(rights.identity(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
-        self.set_rights(Rights({**rights.identities, name: revoked}))
+        with self._alone():
+            rights = self.rights
+            revoked = replace(rights.identity(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
+            self.set_rights(Rights({**rights.identities, name: revoked}))
 
     def set_rights(self, rights: Rights) -> None:
         """Write the rights of all."""
@@ -420,6 +424,22 @@ class Keystore:
                 "as tfbus keys init made them"
             ) from error
         return issued
+
+    @contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Inside the `with` no other process changes the rights, if the system has such locks."""
+        try:
+            import fcntl  # Windows has none
+        except ImportError:
+            yield
+            return
+        held = os.open(self.path, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # as of a folder on another machine
+                fcntl.flock(held, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(held)
 
     def _authority_file(self, name: str) -> Path:
         return self.path / AUTHORITY / name

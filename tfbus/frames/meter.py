@@ -54,9 +54,15 @@ class _EdgeMeter:
         self.delays = MessageWindow(_MOST_SAMPLES)
         self.longest_gap_ns = self.out_of_order = self.at_zero = 0
         self._newest_ns: int | None = None
+        # The latest epoch, and the clock's time at the last sample.
+        self._epoch_ns = self._now_ns = 0
 
-    def add(self, at_s: float, stamp_ns: int, now_ns: int, *, grow: bool) -> bool:
+    def add(self, at_s: float, stamp_ns: int, epoch_ns: int, now_ns: int, *, grow: bool) -> bool:
         """Add a sample; whether the window has grown."""
+        # A publisher or a clock that begins again is not out of order.
+        if epoch_ns > self._epoch_ns or now_ns < self._now_ns:
+            self._newest_ns = None
+        self._epoch_ns, self._now_ns = max(epoch_ns, self._epoch_ns), now_ns
         has_grown = self.delays.add(at_s, (now_ns - stamp_ns) / 1e9, grow=grow)
         self.at_zero += stamp_ns == 0
         step_ns = 0 if self._newest_ns is None else stamp_ns - self._newest_ns
@@ -191,7 +197,7 @@ class TransformMeter:
                 meter = self._edges[edge] = _EdgeMeter()
             if meter is not None:
                 grow = self.samples < _MOST_IN_ALL
-                self.samples += meter.add(at_s, stamp_ns, now_ns, grow=grow)
+                self.samples += meter.add(at_s, stamp_ns, message.epoch_ns, now_ns, grow=grow)
 
     def _has_room(self, measured: Sized, at_s: float) -> bool:
         """Whether one more is measured; edges that have been silent for long make room."""
@@ -283,8 +289,8 @@ class SpanMeter:
         log_ns, stamps_ns = samples.log_ns, samples.stamps_ns
         waits = waits_between(log_ns, self.pauses)
         between = waits.length_ns
-        newest = np.maximum.accumulate(stamps_ns)
-        late = stamps_ns[1:] < newest[:-1]
+        begins = np.searchsorted(log_ns, sorted(self.epochs[edge[0]].values())[1:])
+        late = [each[1:] < np.maximum.accumulate(each)[:-1] for each in np.split(stamps_ns, begins)]
         gaps = gaps_in(between)
         regular = between[~gaps & waits.is_whole]
         mean_s = float(regular.mean()) / 1e9 if len(regular) else 0.0
@@ -296,7 +302,7 @@ class SpanMeter:
             period_s=waits.period_s() or None,
             delays_s=_spread((samples.now_ns - stamps_ns) / 1e9),
             longest_gap_s=float(between.max(initial=0)) / 1e9,
-            out_of_order=int(late.sum()),
+            out_of_order=sum(int(each.sum()) for each in late),
             at_zero=int((stamps_ns == 0).sum()),
             gaps=int(gaps.sum()),
             gap_from_ns=None if longest is None else int(waits.from_ns[longest]),

@@ -136,9 +136,17 @@ class Screenshot:
 
     def _take(self, address: str, hold: Callable[[], str]) -> bytes:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+            browser = self._start_browser(address, profile)
+            # Of a browser that says nothing, reading would never end.
+            is_late = threading.Timer(_PATIENCE_S, self._end_browser)
+            is_late.daemon = True
+            is_late.start()
             try:
-                return self._picture(devtools_of(self._start_browser(address, profile)), hold)
+                debugger = devtools_of(browser)
+                is_late.cancel()
+                return self._picture(debugger, hold)
             finally:
+                is_late.cancel()
                 self._end_browser()
 
     def _start_browser(self, address: str, profile: str) -> "subprocess.Popen[str]":
@@ -222,7 +230,9 @@ def devtools_of(browser: "subprocess.Popen[str]") -> str:
             threading.Thread(target=browser.stderr.read, daemon=True).start()
             return found[1]
         said.append(line.strip())
-    raise BrowserError(f"Chromium ended at once: {' '.join(said)[-300:]}")
+    raise BrowserError(
+        f"Chromium ended, or did not start within {_PATIENCE_S:g} s: {' '.join(said)[-300:]}"
+    )
 
 
 def _page_of(debugger: str) -> str:

@@ -202,3 +202,16 @@ def test_a_subscription_that_is_closed_hears_nothing(leg: Any) -> None:
         made.hear(payload)
     subscription.close()
     assert heard == [b"a"] and not node.subscriptions
+
+
+def test_a_subscription_that_ros_refuses_is_none(leg: Leg, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not taken for one of the leg's own, for which nothing needs to be sent."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise RuntimeError("no more resources")
+
+    with monkeypatch.context() as refusing, pytest.raises(RuntimeError):
+        refusing.setattr(FakeNode, "create_subscription", refuse)
+        leg.subscribe(CHATTER, lambda data, _: None)
+    monkeypatch.setattr(FakePublisher, "get_subscription_count", lambda _: 1, raising=False)
+    assert leg.publisher(CHATTER).heard

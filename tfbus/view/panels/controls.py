@@ -83,7 +83,7 @@ class FrameDropdown(Control):
         on_choice: Callable[[str], object],
         hint: str | None = None,
     ) -> None:
-        self._nothing = nothing
+        self._nothing = self._label = nothing
         self._listed: Sequence[str] = ()
         super().__init__(gui.add_dropdown(label, (nothing,), hint=hint), on_choice)
 
@@ -96,12 +96,18 @@ class FrameDropdown(Control):
         """Offer these frames, and show the chosen one; `nothing` renames the first entry."""
         if nothing is not None:
             self._nothing = nothing
-        self._listed = [*names[:MOST]]
+        self._listed = [*dict.fromkeys(names[:MOST])]
         if chosen and chosen not in self._listed:
             self._listed = [chosen, *self._listed]
-        options = (self._nothing, *self._listed)
+        former, self._label = self._label, self._nothing
+        while self._label in self._listed:  # a frame may have any name, and browsers take no two
+            self._label = f"({self._label})"
+        options = (self._label, *self._listed)
         if self._handle.options != options:
+            is_nothing = self._handle.value == former != self._label
             self._handle.options = options
+            if is_nothing:
+                self._handle.value = self._label
         self.show(chosen)
 
     @property
@@ -112,7 +118,7 @@ class FrameDropdown(Control):
 
     @_value.setter
     def _value(self, name: str) -> None:
-        self._handle.value = name or self._nothing
+        self._handle.value = name or self._label
 
 
 _NOTE_S = 4.0

@@ -259,6 +259,8 @@ class Cameras:
         """
         now_s = time.monotonic()
         clients = self._server.get_clients()
+        for gone in self._put_at.keys() - clients.keys():
+            del self._put_at[gone]
         what, before = (has_guest, frames), self._seen
         if not before[1] or has_guest > before[0]:
             self._settled_at_s = now_s + _SETTLE_S

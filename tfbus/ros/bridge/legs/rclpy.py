@@ -216,13 +216,13 @@ class RclpyLeg:
             subscription.receive(payload, info)
 
         with self._lock:
-            self._subscriptions.append(subscription)
             if topic.retained:
                 for key in self._kept(topic.name):
                     subscription.own.add(key)
             subscription.made = self._node.create_subscription(
                 message, topic.name, take, qos, raw=True
             )
+            self._subscriptions.append(subscription)
         return subscription
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:

@@ -1,6 +1,7 @@
 """The lines of `tfbus bag record` while it records."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,13 @@ def test_a_pause_and_losses_show() -> None:
     parts = status_parts(paused, Rates(), 3.0)
     assert (parts[0], parts[-1]) == ("paused 0:00:03", "dropped 7")
     assert log_text(paused, Rates()).startswith("Paused: 0 messages/s")
+
+
+def test_what_never_came_was_not_dropped_here() -> None:
+    """Its count is apart: the disk is not to blame, and a gap that is filled may bring it."""
+    look = replace(LOOK, missing=9)
+    assert status_parts(look, RATES, 3.0)[-2:] == ["missing 9", "dropped 0"]
+    assert log_text(look, RATES).endswith(", 0 dropped, 9 missing")
 
 
 def test_what_a_snapshot_would_have() -> None:

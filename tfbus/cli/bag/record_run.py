@@ -24,7 +24,7 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
 from tfbus.bag.raw_queue import Past, RawQueue
-from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
+from tfbus.bag.recorder import MISSING, Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.base.executor import Executor
@@ -392,17 +392,20 @@ def _look(
     node: Node, recorder: Recorder, parts: PartsWritten, filling: Filling | None
 ) -> RecordCounts:
     counts, window = recorder.counts, recorder.window
+    lost = _lost(recorder, node)
+    missing = lost.pop(MISSING, 0)
     return RecordCounts(
         time.monotonic(),
         recorder.received,
         counts.transforms,
         parts.written_bytes,
         parts.free_bytes,
-        _lost(recorder, node).total(),
+        lost.total(),
         recorder.is_paused,
         None if window is None else (window.bytes, window.kept_s),
         len(parts.paths),
         () if filling is None else tuple(filling.progress()),
+        missing,
     )
 
 

@@ -27,7 +27,8 @@ _ERASE_LINE = "\r\x1b[K"
 @dataclass(frozen=True)
 class RecordCounts:
     """The counts by a moment of the monotonic clock; `held` is how much a snapshot would
-    have now, in bytes and seconds, None if all is written.
+    have now, in bytes and seconds, None if all is written. `lost` messages were dropped here,
+    `missing` ones never came: they are lost on the way, or come later, into a gap that is filled.
     """
 
     at_s: float
@@ -40,6 +41,7 @@ class RecordCounts:
     held: tuple[int, float] | None = None
     files: int = 1
     filling: tuple[str, ...] = ()
+    missing: int = 0
 
 
 @dataclass(frozen=True)
@@ -93,7 +95,8 @@ def status_parts(look: RecordCounts, rates: Rates, running_s: float) -> list[str
         parts.append(f"last {held_s:.0f} s: {size_text(held_bytes)}")
         parts.append(counted(look.files, "snapshot"))
     free = ", ".join(_free_texts(look, rates))
-    return [*parts, *look.filling[:1], f"free {free}", f"dropped {look.lost}"]
+    missing = [f"missing {look.missing}"] if look.missing else []
+    return [*parts, *look.filling[:1], f"free {free}", *missing, f"dropped {look.lost}"]
 
 
 def _free_texts(look: RecordCounts, rates: Rates) -> list[str]:
@@ -145,6 +148,8 @@ def log_text(look: RecordCounts, rates: Rates) -> str:
     free = " free for ".join(_free_texts(look, rates))
     free = free if " free" in free else f"{free} free"
     text = f"{rates.messages:.0f} messages/s, {of}, {free}, {look.lost} dropped"
+    if look.missing:
+        text += f", {look.missing} missing"
     if look.filling:
         text += f"; {listed(look.filling, most=_NAMED)}"
     return f"Paused: {text}" if look.is_paused else text

@@ -84,6 +84,20 @@ def test_a_fleet_is_in_natural_order_without_tools(tmp_path: Path) -> None:
     assert "/_fleet_1" in info("-v", tmp_path / "run.mcap").output
 
 
+def test_a_gap_that_was_filled_says_from_when_to_when(tmp_path: Path) -> None:
+    """An incident may have begun while a robot was out of reach."""
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        for item in items():
+            writer.write(item)
+        facts = {"until": T0 + 4 * S, "messages": 504, "lost": []}
+        writer.write(EventItem(T0 + S, "filled", "/robot7/recorder", facts))
+    shown = info("-v", tmp_path / "run.mcap").output
+    assert re.search(
+        r"\+1\.000s  filled .*\(out of reach until \+4\.000s\) \(504 messages\)", shown
+    )
+    assert "1 filled gap" in shown
+
+
 def test_types_have_the_names_of_ros(tmp_path: Path) -> None:
     """All of a list, as `ros2 bag info` has them; JSON has those on the bus too."""
     path = tmp_path / "types.mcap"

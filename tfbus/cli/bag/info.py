@@ -49,9 +49,9 @@ _EVENTS: dict[EventKind, str] = {
     "node": "node description",
     "node gone": "lost node",
     "paused": "pause",
-    "resumed": "end of a pause",
-    "dropped": "loss while recording",
-    "filled": "gap filled later",
+    "resumed": "resumption",
+    "dropped": "overload",
+    "filled": "filled gap",
 }
 
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
@@ -370,4 +370,6 @@ def _event(event: EventItem, summary: Summary) -> str:
         told = f"({counted(len(frames), 'frame')})"
     if event.kind in ("dropped", "filled"):
         told = f"({event.facts.get('messages')} messages)"
+    if event.kind == "filled" and isinstance(until_ns := event.facts.get("until"), int):
+        told = f"(out of reach until +{(until_ns - summary.start_ns) * 1e-9:.3f}s) {told}"
     return f"{at:>12}  {event.kind:<11}  {cut(printable(event.name), 40)}  {told}"

@@ -93,7 +93,7 @@ def test_a_gap_that_was_filled_says_from_when_to_when(tmp_path: Path) -> None:
         writer.write(EventItem(T0 + S, "filled", "/robot7/recorder", facts))
     shown = info("-v", tmp_path / "run.mcap").output
     assert re.search(
-        r"\+1\.000s  filled .*\(out of reach until \+4\.000s\) \(504 messages\)", shown
+        r"\+1\.000s  filled .*\(to \+4\.000s, 504 messages\)", shown
     )
     assert "1 filled gap" in shown
 

@@ -369,7 +369,8 @@ def _event(event: EventItem, summary: Summary) -> str:
     if event.kind == "stream" and isinstance(frames, (list, tuple)):
         told = f"({counted(len(frames), 'frame')})"
     if event.kind in ("dropped", "filled"):
-        told = f"({event.facts.get('messages')} messages)"
-    if event.kind == "filled" and isinstance(until_ns := event.facts.get("until"), int):
-        told = f"(out of reach until +{(until_ns - summary.start_ns) * 1e-9:.3f}s) {told}"
+        told = f"{event.facts.get('messages')} messages"
+        if isinstance(until_ns := event.facts.get("until"), int):
+            told = f"to +{(until_ns - summary.start_ns) * 1e-9:.3f}s, {told}"
+        told = f"({told})"
     return f"{at:>12}  {event.kind:<11}  {cut(printable(event.name), 40)}  {told}"

@@ -92,9 +92,7 @@ def test_a_gap_that_was_filled_says_from_when_to_when(tmp_path: Path) -> None:
         facts = {"until": T0 + 4 * S, "messages": 504, "lost": []}
         writer.write(EventItem(T0 + S, "filled", "/robot7/recorder", facts))
     shown = info("-v", tmp_path / "run.mcap").output
-    assert re.search(
-        r"\+1\.000s  filled .*\(to \+4\.000s, 504 messages\)", shown
-    )
+    assert re.search(r"\+1\.000s  filled .*\(to \+4\.000s, 504 messages\)", shown)
     assert "1 filled gap" in shown
 
 

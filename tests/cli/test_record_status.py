@@ -8,6 +8,7 @@ import pytest
 
 from tfbus.bag.keeping import WrittenPart
 from tfbus.cli.bag.record_status import (
+    LogPace,
     Rates,
     Rating,
     RecordCounts,
@@ -82,6 +83,16 @@ def test_the_log_says_the_same_in_words() -> None:
         "60 GB free for 3 days",
         "0 dropped",
     ]
+
+
+def test_the_log_says_it_ever_more_rarely() -> None:
+    """A day of a black box has some 150 lines; while a gap is filled it has one every 10 s."""
+    pace = LogPace(0.0)
+    looks = [replace(LOOK, at_s=second / 2.0) for second in range(2 * 86_400)]
+    logged = [look.at_s for look in looks if pace.is_due(look)]
+    assert logged[:4] == [10.0, 30.0, 70.0, 150.0] and len(logged) < 160
+    filling = [replace(LOOK, at_s=86_400.0 + s, filling=("robot7 10 %",)) for s in range(100)]
+    assert sum(map(pace.is_due, filling)) >= 9
 
 
 def test_hours_and_days_go_on() -> None:

@@ -33,6 +33,7 @@ from tfbus.bus.graph import where_to_look
 from tfbus.bus.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
+    LogPace,
     Rating,
     RecordCounts,
     StatusLine,
@@ -53,7 +54,6 @@ from tfbus.wire.keys import check_no_transforms
 from tfbus.wire.limits import size_text
 
 _LOOK_EVERY_S = 0.5
-_LOG_EVERY_S = 10.0
 
 # If nothing has come after this time, it names the topics that it waits for.
 _SILENT_S = 3.0
@@ -353,7 +353,8 @@ def _go_on(
         node.log.info("Static transforms are left out: --topics tf tf_static has them too")
     rating = Rating()
     shows = is_terminal()
-    logged_s = began_s = recorder.began_s
+    began_s = recorder.began_s
+    pace = LogPace(began_s)
     was_silent = False
     with typed_keys(_LOOK_EVERY_S, wanted=plan.has_keys and shows) as read_keys:
         node.ready(f"{what}{f'; {_KEYS[bool(plan.snapshot_s)]}' if read_keys else ''}")
@@ -367,8 +368,7 @@ def _go_on(
             rates = rating.add(look)
             if shows:
                 line.show(status_parts(look, rates, look.at_s - began_s), warns=look.lost > 0)
-            elif look.at_s >= logged_s + _LOG_EVERY_S:
-                logged_s = look.at_s
+            elif pace.is_due(look):
                 node.log.info(log_text(look, rates))
             if not was_silent and look.at_s > began_s + _SILENT_S:
                 was_silent = True

@@ -16,6 +16,9 @@ from tfbus.wire.limits import size_text
 # Rates are over this time.
 _RATES_OVER_S = 3.0
 
+# The log says how it goes after this time, then after twice as long each time, up to the other.
+_LOG_SOON_S, _LOG_AT_LEAST_S = 10.0, 600.0
+
 # A disk that lasts longer lasts.
 _LASTS_S = 7 * 86_400.0
 
@@ -75,6 +78,23 @@ class Rating:
             (look.transforms - first.transforms) / passed_s,
             (look.bytes - first.bytes) / passed_s,
         )
+
+
+class LogPace:
+    """Says when the log should say how it goes: soon after the beginning and while a gap is filled,
+    then ever more rarely, since a black box runs for weeks.
+    """
+
+    def __init__(self, began_s: float) -> None:
+        self._logged_s, self._every_s = began_s, _LOG_SOON_S
+
+    def is_due(self, look: RecordCounts) -> bool:
+        """Whether this look is to be logged; then it counts as logged."""
+        every_s = _LOG_SOON_S if look.filling else self._every_s
+        if look.at_s < self._logged_s + every_s:
+            return False
+        self._logged_s, self._every_s = look.at_s, min(2.0 * every_s, _LOG_AT_LEAST_S)
+        return True
 
 
 def clock_text(seconds: float) -> str:

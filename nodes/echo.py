@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import math
 import os
+import re
 import signal
 import sys
 import time
@@ -59,6 +60,8 @@ if TYPE_CHECKING:
 
 # How often a missing transform is logged.
 _SAY_EVERY_S = 1.0
+
+_NUMBERS = re.compile(r"-?\d+\.\d+")
 
 # How often to look under a simulated clock, which may stand still; in real time.
 _LOOK_EVERY_S = 0.05
@@ -243,9 +246,10 @@ def _wait_for_answer(
         if time.monotonic() >= say_at_s:
             stands = "" if _elapsed_s(node) > said_s else " (the clock stands still)"
             why = f"{stands}: {_explained(reason, listener)}"
-            if why != said:  # the reason does not change each second
+            kind = _NUMBERS.sub("", why)
+            if kind != said:  # the reason does not change each second, though its numbers do
                 node.log.info("Waiting for transform %s%s", question, why)
-            said = why
+            said = kind
             say_at_s, said_s = time.monotonic() + _SAY_EVERY_S, _elapsed_s(node)
     return None
 

@@ -116,6 +116,21 @@ def test_rights_that_were_edited_by_hand_are_those_of_every_use(
     assert keys(store, "check")[0] == 0
 
 
+def test_machines_with_the_same_former_rights_are_one_sentence(
+    store: Keystore, tmp_path: Path
+) -> None:
+    """After one of thirty robots was revoked, the others have no line each."""
+    for name in ("leg", "laptop"):
+        store.add(Identity(name, "reader"), days=90)
+    for name in store.rights.identities:
+        store.export(name, tmp_path / name)
+    store.revoke("laptop")
+    code, said = keys(store, "check")
+    assert code == 1
+    [line] = said.splitlines()
+    assert line.startswith("arm, leg: their machines have the former rights of laptop: ")
+
+
 def test_the_folder_of_a_keystore_is_not_for_another_machine(
     store: Keystore, tmp_path: Path
 ) -> None:

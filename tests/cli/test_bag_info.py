@@ -1,6 +1,7 @@
 """`tfbus bag info`: the contents of a recording, on one screen."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -67,6 +68,32 @@ def test_the_screen(bag: Path) -> None:
     assert "3 messages dropped while recording" in shown
     assert "/sim gone" in shown and "1 lost stream" in shown
     assert max(map(len, shown.splitlines()[1:])) <= 80
+
+
+def test_a_fleet_is_in_natural_order_without_tools(tmp_path: Path) -> None:
+    """robot2 is before robot10; nodes of tools, which only looked, are there with -v."""
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        for name in ("robot10", "robot2"):
+            writer.write(EventItem(T0, "node", f"/{name}/sim", {}))
+            writer.write(EventItem(T0, "stream", f"{name}/sim", {"epoch": 1, "frames": []}))
+            writer.write(TopicItem(T0, f"{name}/pose", "Pose", {"x": 0.5}))
+        writer.write(EventItem(T0, "node", "/_fleet_1", {}))
+    shown = info(tmp_path / "run.mcap").output
+    assert re.findall(r"^(robot\S+)", shown, re.M)[-2:] == ["robot2/pose", "robot10/pose"]
+    assert "/robot2/sim, /robot10/sim\n" in shown
+    assert "/_fleet_1" in info("-v", tmp_path / "run.mcap").output
+
+
+def test_a_gap_that_was_filled_says_from_when_to_when(tmp_path: Path) -> None:
+    """An incident may have begun while a robot was out of reach."""
+    with RecordingWriter(tmp_path / "run.mcap") as writer:
+        for item in items():
+            writer.write(item)
+        facts = {"until": T0 + 4 * S, "messages": 504, "lost": []}
+        writer.write(EventItem(T0 + S, "filled", "/robot7/recorder", facts))
+    shown = info("-v", tmp_path / "run.mcap").output
+    assert re.search(r"\+1\.000s  filled .*\(to \+4\.000s, 504 messages\)", shown)
+    assert "1 filled gap" in shown
 
 
 def test_types_have_the_names_of_ros(tmp_path: Path) -> None:

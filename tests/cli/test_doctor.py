@@ -71,6 +71,15 @@ def test_trouble_is_found_and_fails(bus: Bus) -> None:
     assert "no node reads" in found["unread"]["evidence"][0]
 
 
+def test_what_is_well_fits_the_screen_too(bus: Bus) -> None:
+    """Long evidence goes on below itself."""
+    keep_sending(bus.node("a_driver_with_a_rather_long_name"), "map", "base_link")
+    lines = bus.run("doctor", "--only", "unread").stdout.splitlines()
+    assert lines[1].startswith("ok ")
+    assert " ".join(lines[1:-1]).split()[-1] == "/a_driver_with_a_rather_long_name"
+    assert max(map(len, lines)) <= 80
+
+
 @pytest.mark.real
 def test_people_get_a_page(bus: Bus) -> None:
     """For people it is a line a check, the evidence and the remedy below, and a sum; this one looks

@@ -1,12 +1,14 @@
 """The lines of `tfbus bag record` while it records."""
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tfbus.bag.keeping import WrittenPart
 from tfbus.cli.bag.record_status import (
+    LogPace,
     Rates,
     Rating,
     RecordCounts,
@@ -47,6 +49,13 @@ def test_a_pause_and_losses_show() -> None:
     assert log_text(paused, Rates()).startswith("Paused: 0 messages/s")
 
 
+def test_what_never_came_was_not_dropped_here() -> None:
+    """Its count is apart: the disk is not to blame, and a gap that is filled may bring it."""
+    look = replace(LOOK, missing=9)
+    assert status_parts(look, RATES, 3.0)[-2:] == ["missing 9", "dropped 0"]
+    assert log_text(look, RATES).endswith(", 0 dropped, 9 missing")
+
+
 def test_what_a_snapshot_would_have() -> None:
     """Where nothing is written, the line says what is held."""
     held = RecordCounts(10.0, 500, 0, 0, 1_000, 0, held=(86_300, 29.6), files=2)
@@ -74,6 +83,16 @@ def test_the_log_says_the_same_in_words() -> None:
         "60 GB free for 3 days",
         "0 dropped",
     ]
+
+
+def test_the_log_says_it_ever_more_rarely() -> None:
+    """A day of a black box has some 150 lines; while a gap is filled it has one every 10 s."""
+    pace = LogPace(0.0)
+    looks = [replace(LOOK, at_s=second / 2.0) for second in range(2 * 86_400)]
+    logged = [look.at_s for look in looks if pace.is_due(look)]
+    assert logged[:4] == [10.0, 30.0, 70.0, 150.0] and len(logged) < 160
+    filling = [replace(LOOK, at_s=86_400.0 + s, filling=("robot7 10 %",)) for s in range(100)]
+    assert sum(map(pace.is_due, filling)) >= 9
 
 
 def test_hours_and_days_go_on() -> None:

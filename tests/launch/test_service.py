@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests import needs
+from tfbus.bus.rights import Identity
 from tfbus.cli import main
 from tfbus.launch.service_manager import Service, unit_text
 
@@ -128,6 +129,22 @@ def test_a_service_runs_as_a_user_that_is_there(
     monkeypatch.setattr("shutil.which", lambda name: name)
     code, output = run(*given, "no-such-user")
     assert code == 2 and "no user 'no-such-user'" in output
+
+
+def test_a_service_reads_its_key(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A key is its owner's alone: of one that is not that of the user of the service it warns."""
+    pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+    from tfbus.bus.keystore import Keystore
+
+    keystore = Keystore.init(tmp_path / "keys", days=10)
+    keystore.add(Identity("arm", "publisher"), days=5)
+    folder = keystore.path / "arm"
+    monkeypatch.setenv("TFBUS_SECURE", str(folder))
+    for user, is_warned in (("54321", True), (str(os.getuid()), False)):
+        code, output = run("install", str(file), "--system", "--print", "--run-as", user)
+        assert (code, f"chown -R {user} {folder}" in " ".join(output.split())) == (0, is_warned)
 
 
 @pytest.mark.real

@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from tests import live_bus
-from tests.buses import eventually
+from tests.buses import eventually, keep_sending
 from tests.processes.sim_time import SECOND, start_clock
 from tests.simulated_bus import Bus
 from tfbus import (
@@ -86,6 +86,18 @@ def test_styles_and_precision_change_the_text(bus: Bus, turtle: Node) -> None:
         "- Translation: [-2.6, 5.9, 0.0]\n"
         "- Rotation: in Quaternion [0.0, 0.0, 0.1, 1.0]\n"
     )
+
+
+def test_a_reason_of_which_only_numbers_change_is_said_once(bus: Bus) -> None:
+    """As of a robot whose clock is wrong: its samples and ours have no time in common."""
+    keep_sending(bus.node("here"), "map", "camera")
+    with bus.network.process(bus.network.host("robot7", offset_s=120.0), "robot7"):
+        keep_sending(bus.node("there"), "map", "base")
+    echo = bus.start("echo", "camera", "base")
+    echo.wait_for_line("no common time")
+    bus.network.run(10.0)
+    assert echo.stderr.count("no common time") == 1
+    echo.stop()
 
 
 def test_it_waits_for_missing_frames(bus: Bus) -> None:

@@ -1,5 +1,7 @@
 """`tfbus router`: arrivals and departures, and the error of a client that gets no link."""
 
+import re
+
 import pytest
 
 from tests.buses import eventually
@@ -28,3 +30,16 @@ def test_it_logs_who_joins_and_who_leaves(bus: Bus) -> None:
     second.stop()
     router.wait_for_line(r"Lost router [0-9a-f]+")
     assert not [line for line in router.err if "has joined" in line and "/robot7/mount" not in line]
+
+
+@pytest.mark.parametrize(
+    ("port", "said"),
+    [(9, "Nothing answers at {} (Connection refused): still trying"), (0, "{} answers, and gives")],
+    ids=["nothing", "itself"],
+)
+def test_it_names_an_endpoint_that_gives_it_no_link(bus: Bus, port: int, said: str) -> None:
+    """A robot whose base is away, or was given a wrong address, says so in its log."""
+    own = f"tcp/127.0.0.1:{free_port()}"
+    other = f"tcp/127.0.0.1:{port}" if port else own
+    router = bus.start("router", "--listen", own, "--connect", other, env={"TFBUS_CONNECT": ""})
+    router.wait_for_line(re.escape(said.format(other)))

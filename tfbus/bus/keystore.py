@@ -380,9 +380,11 @@ class Keystore:
             yield f"{self._authority_file(CERTIFICATE_FILE)} is no certificate: {error}"
             return
         rights = self.rights
+        former: dict[tuple[str, ...], list[str]] = {}
         for name, identity in rights.identities.items():
             folder = self.path / name
-            yield from _exported_problems(name, folder, rights)
+            if changed := _changed_since_export(name, folder, rights):
+                former.setdefault(changed, []).append(name)
             if identity.revoked:
                 continue
             missing = [file for file in OWN_FILES if not (folder / file).is_file()]
@@ -391,6 +393,8 @@ class Keystore:
                 continue
             yield from _key_problems(folder / KEY_FILE)
             yield from _certificate_problems(name, folder, authority)
+        for changed, names in former.items():
+            yield _former_rights(changed, names)
 
     def _issue(self, identity: Identity, days: float) -> Path:
         authority = self._read_authority()
@@ -470,24 +474,33 @@ def _key_problems(path: Path) -> Iterator[str]:
         yield str(error)
 
 
-def _exported_problems(name: str, folder: Path, rights: Rights) -> Iterator[str]:
-    """A sentence if the machine of an identity has other rights than are to be in force."""
+def _changed_since_export(name: str, folder: Path, rights: Rights) -> tuple[str, ...]:
+    """The identities of which the machine of this one has other rights than are to be in force."""
     # Of a keystore of before, it has the rights of the copy in the folder.
     places = [folder / file for file in (_EXPORTED_FILE, RIGHTS_FILE) if (folder / file).is_file()]
     if not places or rights.identities[name].revoked:
-        return
+        return ()
     try:
         had = read_rights(places[0]).identities
     except TfbusError:
         had = {}
     now = rights.identities
-    changed = sorted(each for each in {*had, *now} if had.get(each) != now.get(each))
-    if changed:
-        yield (
-            f"{name}: its machine has the former rights of {listed(changed)}: "
-            f"tfbus keys export {name}, copy the folder, or its {RIGHTS_FILE}, there, and restart "
-            "what runs there"
+    return tuple(sorted(each for each in {*had, *now} if had.get(each) != now.get(each)))
+
+
+def _former_rights(changed: Sequence[str], names: Sequence[str]) -> str:
+    """The sentence on machines that have the former rights of the changed identities."""
+    if len(names) == 1:
+        return (
+            f"{names[0]}: its machine has the former rights of {listed(changed)}: "
+            f"tfbus keys export {names[0]}, copy the folder, or its {RIGHTS_FILE}, there, and "
+            "restart what runs there"
         )
+    return (
+        f"{listed(names)}: their machines have the former rights of {listed(changed)}: "
+        f"tfbus keys export each, copy the folder, or its {RIGHTS_FILE}, there, and restart what "
+        "runs there"
+    )
 
 
 def _certificate_problems(name: str, folder: Path, authority: bytes) -> Iterator[str]:

@@ -47,6 +47,7 @@ from tfbus.frames.moment import Ongoing
 from tfbus.wire.fleet import Fleet
 
 _ROLES: dict[Verdict, str] = {"ok": "good", "warn": "warning", "fail": "bad", "skipped": "faint"}
+_VERDICT_WIDTH = 8
 _NAME_WIDTH = 2 + max(map(len, CHECKS))
 _INDENT = " " * 4
 # A screen has at most so many sentences of a check; of a fleet, where each robot may have the same
@@ -312,10 +313,13 @@ class _Shortened:
 
 
 def _lines(name: str, finding: Finding) -> list[str]:
-    verdict = paint(finding.verdict.ljust(8), _ROLES[finding.verdict])
+    verdict = paint(finding.verdict.ljust(_VERDICT_WIDTH), _ROLES[finding.verdict])
     head = f"{verdict}{name.ljust(_NAME_WIDTH)}"
     if finding.verdict in ("ok", "skipped"):
-        return [f"{head}{paint('; '.join(finding.evidence), 'faint')}".rstrip()]
+        lead = " " * (_VERDICT_WIDTH + _NAME_WIDTH)
+        first, *more = _wrapped("; ".join(finding.evidence), lead) or [lead]
+        text = paint(first.removeprefix(lead), "faint")
+        return [f"{head}{text}".rstrip(), *(paint(each, "faint") for each in more)]
     lines = [head.rstrip()]
     for sentence in finding.evidence:
         lines += _wrapped(sentence, f"{_INDENT}- ")

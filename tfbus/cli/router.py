@@ -1,17 +1,19 @@
 """`tfbus router`: Zenoh's router, without an installed zenohd."""
 
 import logging
+from contextlib import closing
 from dataclasses import replace
 
 import click
 
+from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce, open_log
 from tfbus.base.signals import StopSignals
 from tfbus.bus.presence import watch_nodes
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.command.options import bus_options
-from tfbus.node.surroundings import watch_members
+from tfbus.node.surroundings import watch_endpoints, watch_members
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
 _SAY_AGAIN_AFTER_S = 60.0
@@ -31,8 +33,9 @@ def command(settings: NodeSettings) -> None:
     settings = replace(settings, mode="router", listen=listen)
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
-    with Session(settings, log) as session:
+    with Session(settings, log) as session, closing(Executor("router", log)) as executor:
         watch_members(session, log)
+        watch_endpoints(session, executor, log)
         _log_links(session, log)
         where = ", ".join(listen) or f"the endpoints of {settings.config}"
         is_open = " (the bus is open; --secure closes it)" if session.open_to else ""

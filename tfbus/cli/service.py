@@ -2,11 +2,12 @@
 
 import io
 import os
+import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from click.shell_completion import CompletionItem
 from tfbus.base.errors import InvalidArgumentException, ServiceError
 from tfbus.base.wording import did_you_mean
 from tfbus.bus.graph import Graph, ServiceInfo
+from tfbus.bus.identity_folder import KEY_FILE
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli import Verbs
@@ -138,6 +140,8 @@ def install_command(
         raise click.UsageError("--run-as is for services of the machine: give --system")
     if run_as:
         _check_user(run_as, is_for_here=_has_systemd() and not only_print)
+        if folder := os.environ.get("TFBUS_SECURE", ""):
+            _check_key(run_as, Path(folder))
     try:
         service = Service(
             name or path.stem,
@@ -245,6 +249,19 @@ def _check_user(user: str, *, is_for_here: bool) -> None:
                 f"{missing}: make it (sudo useradd --create-home NAME), or name another"
             ) from None
         warn(f"{missing}; where the unit runs there must be one, or systemd starts nothing")
+
+
+def _check_key(user: str, folder: Path) -> None:
+    """Warn of a private key that is another user's: none but its owner can read it."""
+    import pwd  # Windows has none
+
+    with suppress(OSError, KeyError, ValueError):
+        uid = int(user) if user.isdecimal() else pwd.getpwnam(user).pw_uid
+        if uid and (folder / KEY_FILE).stat().st_uid != uid:
+            warn(
+                f"the private key in {folder} is not that user's, who cannot read it: "
+                f"sudo chown -R {shlex.quote(user)} {shlex.quote(str(folder))}"
+            )
 
 
 def _has_systemd() -> bool:

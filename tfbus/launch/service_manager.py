@@ -161,7 +161,8 @@ def container_text(file: str, arguments: Sequence[str], extras: str) -> str:
 # The folder of {path.name} with tfbus, of a clone of it:
 #   docker build -t {name} -f Containerfile --build-context tfbus=CLONE .
 #   docker run -d --restart unless-stopped --network host --init {name}
-# The host's network carries multicast; -e TFBUS_NAMESPACE=robot7 gives settings.
+# The host's network carries multicast; -e TFBUS_NAMESPACE=robot7 gives settings. Keys of a closed
+# bus belong in no image: -v /etc/tfbus/robot7:/keys:ro -e TFBUS_SECURE=/keys
 FROM python:3.12 AS build
 COPY --from=tfbus . /tfbus
 RUN pip wheel --wheel-dir /wheels "/tfbus[{extras}]"

@@ -143,8 +143,9 @@ _AFTER_S = 5.0
 
 
 def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -> None:
-    """Look once, after some seconds, unless a router is connected by then. A client waits for its
-    router, and says so itself.
+    """Look once, after some seconds, unless a router is connected by then; to a router an endpoint
+    that answers without a link is worth a word, too. A client waits for its router, and says so
+    itself.
     """
     endpoints = session.settings.connect
     if session.settings.mode == "client" or not endpoints:
@@ -160,6 +161,17 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
         whys = {endpoint: why_unreachable(endpoint) for endpoint in endpoints}
         if silent := [f"{endpoint} ({why})" for endpoint, why in whys.items() if why]:
             executor.submit("endpoints", lambda: warn(silent))
+        elif session.settings.mode == "router":
+            executor.submit("endpoints", warn_of_no_link)
+
+    def warn_of_no_link() -> None:
+        with suppress(BusError):
+            if not session.routers():
+                log.warning(
+                    "%s answers, and gives no link: is it the address of this router itself, or of "
+                    "another bus?",
+                    listed(endpoints),
+                )
 
     def warn(silent: list[str]) -> None:
         with suppress(BusError):

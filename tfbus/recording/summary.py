@@ -327,7 +327,7 @@ def _streams(
             tuple(sorted(static.get(name, ()), key=natural_order)),
             gone[name].log_ns if name in gone else None,
         )
-        for name, stream in sorted(streams.items())
+        for name, stream in sorted(streams.items(), key=lambda item: natural_order(item[0]))
     )
 
 
@@ -339,4 +339,4 @@ def _nodes(events: Iterable[EventItem]) -> tuple[NodeFacts, ...]:
         elif event.kind == "node gone":
             host = found[event.name].host if event.name in found else ""
             found[event.name] = NodeFacts(event.name, host, True)
-    return tuple(found[name] for name in sorted(found))
+    return tuple(found[name] for name in sorted(found, key=natural_order))

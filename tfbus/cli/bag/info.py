@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from tfbus.base.wording import and_more, columns, counted, cut, duration, printable
+from tfbus.base.wording import and_more, columns, counted, cut, duration, natural_order, printable
 from tfbus.cli.bag.files import RECORDING
 from tfbus.cli.output import (
     json_option,
@@ -49,15 +49,15 @@ _EVENTS: dict[EventKind, str] = {
     "node": "node description",
     "node gone": "lost node",
     "paused": "pause",
-    "resumed": "end of a pause",
-    "dropped": "loss while recording",
-    "filled": "gap filled later",
+    "resumed": "resumption",
+    "dropped": "overload",
+    "filled": "filled gap",
 }
 
 # How streams and topics are sorted, by the names of `ros2 bag info --sort`.
 _ORDERS: dict[str, tuple[Callable[[RecordedStreamFacts], Any], Callable[[TopicFacts], Any]]] = {
-    "name": (lambda it: it.name, lambda it: it.name),
-    "type": (lambda it: it.node, lambda it: (_type_of(it), it.name)),
+    "name": (lambda it: natural_order(it.name), lambda it: natural_order(it.name)),
+    "type": (lambda it: natural_order(it.node), lambda it: (_type_of(it), natural_order(it.name))),
     "count": (lambda it: -it.flow.messages, lambda it: -it.flow.messages),
 }
 
@@ -80,7 +80,7 @@ _MOST_EVENTS = 200
     type=RECORDING,
 )
 @click.option(
-    "-v", "--verbose", is_flag=True, help="Add the frames of each stream, and all events."
+    "-v", "--verbose", is_flag=True, help="Add the frames of each stream, tools, and all events."
 )
 @click.option(
     "-t", "--topic-name", "names_only", is_flag=True, help="Print only the names of the topics."
@@ -128,7 +128,7 @@ def command(
     if verbose:
         print_lines(_frames(summary))
     print_lines(_topics(summary))
-    print_lines(_nodes(summary))
+    print_lines(_nodes(summary, has_tools=verbose))
     print_lines(_events(summary, verbose))
 
 
@@ -315,12 +315,14 @@ def _type_of(topic: TopicFacts) -> str:
     return topic.type_name if "/" in topic.type_name else topic.type_name and topic.ros_type
 
 
-def _nodes(summary: Summary) -> Iterator[str]:
-    if summary.nodes:
-        names = [
-            f"{node.name} {paint('gone', 'bad')}" if node.is_gone else node.name
-            for node in summary.nodes
-        ]
+def _nodes(summary: Summary, *, has_tools: bool) -> Iterator[str]:
+    """The nodes; tools, whose names begin with `_`, came for a moment, to look."""
+    names = [
+        f"{node.name} {paint('gone', 'bad')}" if node.is_gone else node.name
+        for node in summary.nodes
+        if has_tools or not node.name.rpartition("/")[2].startswith("_")
+    ]
+    if names:
         yield ""
         yield from _lines("Nodes", names[:_MOST_NODES])
         if len(names) > _MOST_NODES:
@@ -367,5 +369,8 @@ def _event(event: EventItem, summary: Summary) -> str:
     if event.kind == "stream" and isinstance(frames, (list, tuple)):
         told = f"({counted(len(frames), 'frame')})"
     if event.kind in ("dropped", "filled"):
-        told = f"({event.facts.get('messages')} messages)"
+        told = f"{event.facts.get('messages')} messages"
+        if isinstance(until_ns := event.facts.get("until"), int):
+            told = f"to +{(until_ns - summary.start_ns) * 1e-9:.3f}s, {told}"
+        told = f"({told})"
     return f"{at:>12}  {event.kind:<11}  {cut(printable(event.name), 40)}  {told}"

@@ -24,7 +24,7 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.kept import KEPT, KeptFiles, alone_in, kept_files
 from tfbus.bag.raw_queue import Past, RawQueue
-from tfbus.bag.recorder import Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
+from tfbus.bag.recorder import MISSING, Recorder, SnapshotCondition, Snapshots, Triggers, unmatched
 from tfbus.base.clock import SYSTEM_CLOCK
 from tfbus.base.errors import InvalidArgumentException, RightsError, ServiceError
 from tfbus.base.executor import Executor
@@ -33,6 +33,7 @@ from tfbus.bus.graph import where_to_look
 from tfbus.bus.presence import bus_out_of_reach, frames_in_other_namespaces
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.record_status import (
+    LogPace,
     Rating,
     RecordCounts,
     StatusLine,
@@ -53,7 +54,6 @@ from tfbus.wire.keys import check_no_transforms
 from tfbus.wire.limits import size_text
 
 _LOOK_EVERY_S = 0.5
-_LOG_EVERY_S = 10.0
 
 # If nothing has come after this time, it names the topics that it waits for.
 _SILENT_S = 3.0
@@ -353,7 +353,8 @@ def _go_on(
         node.log.info("Static transforms are left out: --topics tf tf_static has them too")
     rating = Rating()
     shows = is_terminal()
-    logged_s = began_s = recorder.began_s
+    began_s = recorder.began_s
+    pace = LogPace(began_s)
     was_silent = False
     with typed_keys(_LOOK_EVERY_S, wanted=plan.has_keys and shows) as read_keys:
         node.ready(f"{what}{f'; {_KEYS[bool(plan.snapshot_s)]}' if read_keys else ''}")
@@ -367,8 +368,7 @@ def _go_on(
             rates = rating.add(look)
             if shows:
                 line.show(status_parts(look, rates, look.at_s - began_s), warns=look.lost > 0)
-            elif look.at_s >= logged_s + _LOG_EVERY_S:
-                logged_s = look.at_s
+            elif pace.is_due(look):
                 node.log.info(log_text(look, rates))
             if not was_silent and look.at_s > began_s + _SILENT_S:
                 was_silent = True
@@ -392,17 +392,20 @@ def _look(
     node: Node, recorder: Recorder, parts: PartsWritten, filling: Filling | None
 ) -> RecordCounts:
     counts, window = recorder.counts, recorder.window
+    lost = _lost(recorder, node)
+    missing = lost.pop(MISSING, 0)
     return RecordCounts(
         time.monotonic(),
         recorder.received,
         counts.transforms,
         parts.written_bytes,
         parts.free_bytes,
-        _lost(recorder, node).total(),
+        lost.total(),
         recorder.is_paused,
         None if window is None else (window.bytes, window.kept_s),
         len(parts.paths),
         () if filling is None else tuple(filling.progress()),
+        missing,
     )
 
 

@@ -16,6 +16,9 @@ from tfbus.wire.limits import size_text
 # Rates are over this time.
 _RATES_OVER_S = 3.0
 
+# The log says how it goes after this time, then after twice as long each time, up to the other.
+_LOG_SOON_S, _LOG_AT_LEAST_S = 10.0, 600.0
+
 # A disk that lasts longer lasts.
 _LASTS_S = 7 * 86_400.0
 
@@ -27,7 +30,8 @@ _ERASE_LINE = "\r\x1b[K"
 @dataclass(frozen=True)
 class RecordCounts:
     """The counts by a moment of the monotonic clock; `held` is how much a snapshot would
-    have now, in bytes and seconds, None if all is written.
+    have now, in bytes and seconds, None if all is written. `lost` messages were dropped here,
+    `missing` ones never came: they are lost on the way, or come later, into a gap that is filled.
     """
 
     at_s: float
@@ -40,6 +44,7 @@ class RecordCounts:
     held: tuple[int, float] | None = None
     files: int = 1
     filling: tuple[str, ...] = ()
+    missing: int = 0
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,23 @@ class Rating:
         )
 
 
+class LogPace:
+    """Says when the log should say how it goes: soon after the beginning and while a gap is filled,
+    then ever more rarely, since a black box runs for weeks.
+    """
+
+    def __init__(self, began_s: float) -> None:
+        self._logged_s, self._every_s = began_s, _LOG_SOON_S
+
+    def is_due(self, look: RecordCounts) -> bool:
+        """Whether this look is to be logged; then it counts as logged."""
+        every_s = _LOG_SOON_S if look.filling else self._every_s
+        if look.at_s < self._logged_s + every_s:
+            return False
+        self._logged_s, self._every_s = look.at_s, min(2.0 * every_s, _LOG_AT_LEAST_S)
+        return True
+
+
 def clock_text(seconds: float) -> str:
     """A time as a recorder's clock shows it: `0:12:05`."""
     whole = int(seconds)
@@ -93,7 +115,8 @@ def status_parts(look: RecordCounts, rates: Rates, running_s: float) -> list[str
         parts.append(f"last {held_s:.0f} s: {size_text(held_bytes)}")
         parts.append(counted(look.files, "snapshot"))
     free = ", ".join(_free_texts(look, rates))
-    return [*parts, *look.filling[:1], f"free {free}", f"dropped {look.lost}"]
+    missing = [f"missing {look.missing}"] if look.missing else []
+    return [*parts, *look.filling[:1], f"free {free}", *missing, f"dropped {look.lost}"]
 
 
 def _free_texts(look: RecordCounts, rates: Rates) -> list[str]:
@@ -145,6 +168,8 @@ def log_text(look: RecordCounts, rates: Rates) -> str:
     free = " free for ".join(_free_texts(look, rates))
     free = free if " free" in free else f"{free} free"
     text = f"{rates.messages:.0f} messages/s, {of}, {free}, {look.lost} dropped"
+    if look.missing:
+        text += f", {look.missing} missing"
     if look.filling:
         text += f"; {listed(look.filling, most=_NAMED)}"
     return f"Paused: {text}" if look.is_paused else text

@@ -295,7 +295,7 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
         ("only: '('", "'(' is not a regular expression"),
         ("- a", "is not a map of settings"),
         ("a: [", "is not YAML"),
-        ("[" * 5000, "nested too deeply"),
+        ("[\n" * 5000, "nested too deeply"),
     ],
 )
 def test_wrong_settings_are_refused_in_one_sentence(

@@ -16,10 +16,11 @@ demo: $(VENV)/demo.stamp
 test: $(VENV)/dev.stamp $(VENV)/kernel.stamp $(VENV)/tests.stamp
 	$(BIN)/python -m pytest --numprocesses 4 --dist worksteal $(ARGS)
 
-# All but the tests of real processes, sockets and browsers, with a tenth of the drawn examples.
+# All but the tests of real processes, sockets and browsers, with a tenth of the drawn examples, and
+# a fifth of the time for threads to meet.
 quick: $(VENV)/dev.stamp $(VENV)/kernel.stamp $(VENV)/tests.stamp
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal \
-	  --hypothesis-profile quick -m "not real" $(ARGS)
+	  --hypothesis-profile quick --stress-s 0.2 -m "not real" $(ARGS)
 
 # The compiled modules; also where make has compiled them, and they are gone.
 kernel: $(VENV)/dev.stamp

@@ -42,10 +42,10 @@ class Robot:
         def send() -> None:
             self.sent.append(self.node.now_ns())
             broadcaster.send_transform(at(len(self.sent), "base_link", self.sent[-1]))
-            if len(self.sent) % 5 == 0:
+            if len(self.sent) % 2 == 0:
                 flags.publish(Vector3(1.0, 0.0, 0.0))
 
-        self.node.create_timer(0.2, send)
+        self.node.create_timer(0.5, send)
         self.recorder = self.start()
 
     def start(self, name: str = "recorder", folder: Path | None = None) -> Program:
@@ -63,7 +63,7 @@ class Robot:
 def robot(bus: Bus, tmp_path: Path) -> Robot:
     """A robot, and a link to it that is narrow."""
     base, host = bus.network.host("base"), bus.network.host("robot", offset_s=7.0)
-    bus.network.path(host, base, delay_s=0.05, bytes_a_second=20_000.0)
+    bus.network.path(host, base, delay_s=0.05, bytes_a_second=8_000.0)
     return Robot(bus, tmp_path / "kept")
 
 
@@ -108,10 +108,10 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     came = stamps_in(path)
     assert came == sorted(set(came))
     whole = [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
-    assert came == whole and len(came) > begun + 1500
+    assert came == whole and len(came) > begun + 600
     items = items_of(path)
     flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
-    assert abs(len(flags) - len(came) // 5) <= 1
+    assert abs(len(flags) - len(came) // 2) <= 1
     assert [item.log_ns for item in items] == sorted(item.log_ns for item in items)
     events = [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
     assert ("stream gone", "robot7/sim") not in events
@@ -162,10 +162,10 @@ def test_an_outage_shorter_than_a_lease_is_filled(bus: Bus, tmp_path: Path) -> N
     assert "out of reach" not in process.stderr
     came = sorted(stamps_in(path))
     assert came == [stamp for stamp in robot.sent if came[0] <= stamp <= came[-1]]
-    assert len(came) > 250
+    assert len(came) > 100
     items = items_of(path)
     flags = [item for item in items if isinstance(item, TopicItem) and item.topic == "robot7/flag"]
-    assert abs(len(flags) - len(came) // 5) <= 1
+    assert abs(len(flags) - len(came) // 2) <= 1
     assert not [item for item in items if isinstance(item, EventItem) and "gone" in item.kind]
 
 
@@ -188,7 +188,7 @@ def robot_with_arm(bus: Bus, tmp_path: Path) -> tuple[Program, list[int]]:
         sent.append(node.now_ns())
         broadcaster.send_transform(at(len(sent), "base_link", sent[-1]))
 
-    node.create_timer(0.2, send)
+    node.create_timer(0.5, send)
     Bus(network, "robot").start(
         *("bag", "record", "--keep", "1h", "-o", str(tmp_path / "kept")),
         *("--namespace", "robot7", "--name", "recorder", "--connect", *connect),
@@ -312,7 +312,7 @@ def test_what_was_kept_before_a_power_cut_fills_the_gap_too(
     came = stamps_in(path)
     missing = {stamp for stamp in robot.sent if came[0] < stamp < came[-1]} - {*came}
     span_s = (max(missing) - min(missing)) / 1e9
-    assert 30.0 <= span_s < 32.5 and len(missing) == round(span_s * 5) + 1
+    assert 30.0 <= span_s < 32.5 and len(missing) == round(span_s * 2) + 1
 
 
 def test_a_recorder_under_another_name_fills_the_gap(

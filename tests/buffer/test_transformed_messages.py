@@ -192,7 +192,7 @@ def test_a_covariance_is_that_of_poses_that_were_drawn_by_it() -> None:
     rng = np.random.default_rng(3)
     root = rng.normal(size=(6, 6)) * 1e-3
     covariance = root @ root.T
-    draws = rng.multivariate_normal(np.zeros(6), covariance, 200_000)
+    draws = rng.multivariate_normal(np.zeros(6), covariance, 50_000)
     move, mean = MOUNT.as_matrix(), matrix(POSE)
     moved_mean = move @ mean
     # A small rotation about fixed axes comes before the mean's; its vector is read off the matrix.

@@ -144,7 +144,7 @@ def test_a_robot_that_boots_is_not_lost(fleet: Bus, monkeypatch: pytest.MonkeyPa
         ran.append((option, told["TFBUS_ROBOT"], told["TFBUS_STATE"]))
 
     monkeypatch.setattr("tfbus.cli.fleet.run_in_shell", run)
-    commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "20")
+    commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "10")
     program = fleet.start("fleet", "--watch", "--json", "--expect", "robot[1-4]", *commands)
     eventually(lambda: '"missing"' in program.stdout)
     robot(fleet, 1)

@@ -166,32 +166,32 @@ def test_a_moment_may_be_looked_at_twice() -> None:
 
 
 def test_robots_that_come_and_go_fill_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of many that came, each with another name, and left, a watch keeps the thousand, here two
+    """Of many that came, each with another name, and left, a watch keeps the thousand, here a
     hundred, that left last, in at most 1 kB each beside 100 kB; the roster is never forgotten.
     """
     assert MOST_GONE == 1000
-    monkeypatch.setattr("tfbus.frames.fleet.MOST_GONE", 200)
+    monkeypatch.setattr("tfbus.frames.fleet.MOST_GONE", 100)
     watch = FleetWatch(("robot0",))
     watch.robots(moment(0.0, wheels(0, 7, 700)))  # whatever the first one imports
     gc.collect()  # what other tests left, whose ends take memory, too
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    for first in range(0, 600, 50):
+    for first in range(0, 300, 50):
         here = [
             replace(wheels(first, 7, 700), name=f"robot{number}/wheels", node="")
             for number in range(first, first + 50)
         ]
         watch.robots(moment(float(first), *here))
     del here
-    watch.robots(moment(600.0))
+    watch.robots(moment(300.0))
     gc.collect()
     used = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
-    robots = watch.robots(moment(601.0))
+    robots = watch.robots(moment(301.0))
     assert {robot.state for robot in robots} == {"gone"}
-    assert [each.name for each in robots][:2] == ["robot0", "robot400"]
-    assert len(robots) == 201
-    assert used < (200 + 100) * 2**10
+    assert [each.name for each in robots][:2] == ["robot0", "robot200"]
+    assert len(robots) == 101
+    assert used < (100 + 100) * 2**10
 
 
 def test_a_load_is_that_on_the_air() -> None:

@@ -86,7 +86,7 @@ def test_a_robot_that_is_looked_up_no_longer_leaves_nothing(network: Network) ->
         def send(node=node, broadcaster=broadcaster) -> None:  # by their values
             _send(broadcaster, node, "base")
 
-        node.create_timer(0.5, send)
+        node.create_timer(1.0, send)
     buffer = tfbus.Buffer()
     with network.process(network.host("base"), "listener"):
         listener = tfbus.TransformListener(

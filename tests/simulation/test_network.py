@@ -211,7 +211,7 @@ def test_clocks_of_hosts_differ_drift_and_step(network: Network) -> None:
 def test_messages_that_a_congested_link_drops_are_counted(network: Network) -> None:
     """A narrow path drops messages of a flood, and the network says how many."""
     robot, base = network.host("robot"), network.host("base")
-    network.path(robot, base, bytes_a_second=10_000)
+    network.path(robot, base, bytes_a_second=3_000)
     got: list[object] = []
     with network.process(base, "reader"):
         tfbus.Node("reader").create_subscription(Vector3, "pose", got.append)
@@ -219,10 +219,10 @@ def test_messages_that_a_congested_link_drops_are_counted(network: Network) -> N
         node = tfbus.Node("writer")
         publisher = node.create_publisher(Vector3, "pose")
         network.run(2.0)
-        for _ in range(5000):
+        for _ in range(1500):
             publisher.publish(Vector3())
     network.run(60.0)
-    assert network.dropped and 0 < len(got) < 5000
+    assert network.dropped and 0 < len(got) < 1500
 
 
 def _arrived(network: Network, protocol: str, **path: float) -> int:
@@ -413,7 +413,7 @@ def test_a_message_that_must_arrive_waits_five_seconds_for_a_link(network: Netwo
         network.run(2.0)
         network.path(robot, base, bytes_a_second=1.0)
         begun_ns = network.now_ns
-        for _ in range(10_000):
+        for _ in range(3_000):
             publisher.publish(Vector3())
     assert network.now_ns - begun_ns == pytest.approx(5e9, rel=0.1)
 

@@ -15,7 +15,7 @@ import pytest
 import tfbus
 from tfbus import Node, Transform, TransformBroadcaster, TransformStamped
 from tfbus.recording.reader import RecordingReader
-from tfbus.testing import Network, SimulationError
+from tfbus.testing import Network, SimulationError, tasks
 
 
 def _show() -> None:
@@ -199,6 +199,25 @@ def test_it_waits_for_its_threads_and_then_calls_what_is_for_its_end(network: Ne
     program = network.program("outside", main)
     assert program.wait() == 0
     assert program.out == ["thread", "last", "first"]
+
+
+def test_a_thread_that_never_ends_does_not_hold_up_the_end_of_the_simulation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its program, which waits for it, is ended before it."""
+    monkeypatch.setattr(tasks, "_STUCK_AFTER_S", 0.2)
+    has_program_ended: list[bool] = []
+
+    def wait() -> None:
+        try:
+            threading.Event().wait()
+        finally:
+            has_program_ended.append(program.process.main.is_over)
+
+    with Network() as network:
+        program = network.program("outside", lambda: threading.Thread(target=wait).start())
+        network.run(1.0)
+    assert has_program_ended == [True]
 
 
 def test_a_node_that_nobody_closes_leaves_at_the_end(network: Network) -> None:

@@ -194,11 +194,11 @@ def test_streams_that_are_met_together_late_are_ranked_by_their_word() -> None:
         assert rejected(claims, *updates) == {"b": {"robot"}}
 
 
-def test_a_frame_that_thousands_claim_costs_a_newcomer_no_more() -> None:
-    """Of 2,000 streams that list the same 50 frames, each is compared with the first only."""
+def test_a_frame_that_hundreds_claim_costs_a_newcomer_no_more() -> None:
+    """Of 300 streams that list the same 50 frames, each is compared with the first only."""
     claims = Claims("first")
     frames = [f"frame{number}" for number in range(50)]
-    for number in range(2000):
+    for number in range(300):
         updates = (f"stream{number}", described(*frames, epoch=number + 1))
         contested = claims.update(*updates)
         assert len(claims.resolutions(updates[0], contested)) <= 2

@@ -255,7 +255,7 @@ def test_many_clocks_are_asked_together(bus: Bus, monkeypatch: pytest.MonkeyPatc
         most = max(most, len(open_questions))
         ask_later(key, payload, on_answer, end, **more)
 
-    robots = [bus.node(f"robot{number}") for number in range(25)]
+    robots = [bus.node(f"robot{number}") for number in range(15)]
     keys = [clock_key(robot.name) for robot in robots]
     eventually(lambda: all(list(node.session.ask(key)) for key in keys))
     monkeypatch.setattr(node.session, "ask_later", noted)

@@ -262,9 +262,9 @@ def test_a_stream_that_is_back_has_time_to_describe_itself(
 def test_tokens_without_end_are_asked_about_in_turns(
     questions: Questions, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of a thousand that never answer a few are asked at a time, and all have their turn."""
+    """Of three hundred that never answer a few are asked at a time, and all have their turn."""
     monkeypatch.setattr(description_queries, "_MOST_ASKED", 10)
-    keys = [f"@tfbus/stream/s{number}" for number in range(1000)]
+    keys = [f"@tfbus/stream/s{number}" for number in range(300)]
     for key in keys:
         questions.token(key, True)
     questions.asked_keys.clear()

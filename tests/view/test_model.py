@@ -297,7 +297,7 @@ def test_settings_are_read_as_they_were_saved(tmp_path: Path) -> None:
         ("only: '('", "'(' is not a regular expression"),
         ("- a", "is not a map of settings"),
         ("a: [", "is not YAML"),
-        ("[" * 5000, "nested too deeply"),
+        ("[\n" * 5000, "nested too deeply"),
         (f"scale: {10**400}", "scale must be from 0.1 to 10, got inf"),
         ("topics: [{topic: a, color_min: .nan}]", "color_min must be a finite number or auto"),
     ],

@@ -12,7 +12,7 @@ from functools import partial
 from operator import is_
 from threading import Condition
 from types import FunctionType
-from typing import Any
+from typing import Any, NamedTuple
 
 from tfbus.testing.primitives import Lock
 from tfbus.testing.tasks import Tasks
@@ -109,15 +109,24 @@ def rebind(replaced: Replaced) -> None:
         swap(replaced)
 
 
+class _Module(NamedTuple):
+    """A module that was searched: its names, how many these were, and the found swaps."""
+
+    module: Any
+    namespace: dict[str, Any]
+    size: int
+    found: tuple[_Swap, ...]
+
+
 class _Searched:
     """Modules that were searched for names that a simulation replaces."""
 
     def __init__(self) -> None:
-        # There are thousands: beside each its names, how many these were, and the found swaps.
+        # There are thousands, and all are looked at twice in each simulation.
         self._modules: list[Any] = []
+        self._searched: list[_Module] = []
         self._namespaces: list[dict[str, Any]] = []
         self._sizes: list[int] = []
-        self._found: list[tuple[_Swap, ...]] = []
         self._swaps: list[_Swap] = []
 
     def swaps(self, replaced: Replaced) -> list[_Swap]:
@@ -130,23 +139,27 @@ class _Searched:
         return self._swaps
 
     def _search(self, replaced: Replaced) -> None:
-        former = dict(
-            zip(map(id, self._modules), zip(self._sizes, self._found, strict=True), strict=True)
-        )
+        former = {id(each.module): each for each in self._searched}
         # Once, as a module that is looked at may import others.
         named = list(sys.modules.items())
         self._modules = [module for _, module in named]
-        self._namespaces, self._sizes, self._found = [], [], []
+        self._searched = []
         for name, module in named:
-            is_real = name.partition(".")[0] in _REAL
-            namespace = {} if is_real else getattr(module, "__dict__", {})
-            size, found = former.get(id(module), (-1, ()))
-            if size != len(namespace):
-                found = tuple(_of_module(module, namespace, replaced))
-            self._namespaces.append(namespace)
-            self._sizes.append(len(namespace))
-            self._found.append(found)
-        self._swaps = [swap for found in self._found for swap in found]
+            searched = former.get(id(module))
+            if searched is None or searched.size != len(searched.namespace):
+                searched = _searched_module(name, module, replaced)
+            self._searched.append(searched)
+        with_names = [each for each in self._searched if each.namespace]
+        self._namespaces = [each.namespace for each in with_names]
+        self._sizes = [each.size for each in with_names]
+        self._swaps = [swap for each in with_names for swap in each.found]
+
+
+def _searched_module(name: str, module: Any, replaced: Replaced) -> _Module:
+    is_real = name.partition(".")[0] in _REAL
+    namespace = {} if is_real else getattr(module, "__dict__", {})
+    size = len(namespace)
+    return _Module(module, namespace, size, tuple(_of_module(module, namespace, replaced)))
 
 
 _searched = _Searched()

@@ -265,6 +265,8 @@ class Tasks:
             and task.thread is not None
             and not task.thread.daemon
         ]:
+            if self.is_over:
+                raise SimulationOver
             self.join(others[0])
 
     def wake(self, task: Task) -> None:

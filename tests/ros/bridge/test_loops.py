@@ -123,7 +123,7 @@ def test_two_bridges_between_the_same_bus_and_the_same_ros(
                 send, lambda: any("Bridge /one joins the same bus" in x for x in lines.lines)
             )
         start = next(numbers)
-        send_until(send, lambda: next(numbers) > start + 1000)
+        send_until(send, lambda: next(numbers) > start + 400)
         ros.settle()
         for child in ("of_bus", "fixed"):
             eventually(partial(is_of, listener, child, 1, "sender"))

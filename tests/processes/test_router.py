@@ -37,9 +37,7 @@ def test_sites_of_a_hub_reach_each_other_again_after_it(bus: Bus) -> None:
     """
     at_hub, *at_sites = (f"tcp/127.0.0.1:{free_port()}" for _ in range(3))
     alone = {"TFBUS_CONNECT": ""}
-    sites = [
-        bus.start("router", "--listen", at, "--hub", at_hub, env=alone) for at in at_sites
-    ]
+    sites = [bus.start("router", "--listen", at, "--hub", at_hub, env=alone) for at in at_sites]
     sites[0].wait_for_line("Waiting for a router")
     hub = bus.start("router", "--listen", at_hub, env=alone)
     for site in sites:
@@ -65,10 +63,16 @@ def test_sites_of_a_hub_reach_each_other_again_after_it(bus: Bus) -> None:
 
 
 def test_a_hub_is_the_only_router_that_is_joined(bus: Bus) -> None:
-    """An endpoint to connect to beside it is refused, as is a hub that is no endpoint."""
+    """An endpoint to connect to beside it is refused, as is a hub that is no endpoint; Ctrl-C ends
+    the wait for the hub as usual.
+    """
     both = bus.run("router", "--hub", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
     assert both.returncode == 2
     assert "omit --connect" in both.stderr
     none = bus.run("router", "--hub", "robot", env={"TFBUS_CONNECT": ""})
     assert none.returncode == 2
     assert "is not an endpoint" in none.stderr
+    alone = ("router", "--hub", f"tcp/127.0.0.1:{free_port()}")
+    waiting = bus.start(*alone, "--listen", "tcp/127.0.0.1:0", env={"TFBUS_CONNECT": ""})
+    waiting.wait_for_line("Waiting for a router")
+    assert waiting.stop() == 0

@@ -1,8 +1,8 @@
 """The cost of a fleet, and what it takes to follow one: python -m benchmarks.fleet --robots 100
 
 A hub, a router for each 25 robots, whose hub it is (tfbus router --hub), and robots of 50 frames,
-20 of them static, each with its namespace and session, several to a process. CPU time counts, since the machine may be
-shared. With --write the rows go into docs/guide/scaling.md.
+20 of them static, each with its namespace and session, several to a process. CPU time counts, since
+the machine may be shared. With --write the rows go into docs/guide/scaling.md.
 """
 
 import argparse

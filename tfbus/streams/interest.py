@@ -201,8 +201,8 @@ _RETRIED_AFTER_S = 1.0
 # A stream that is read for longer should have sent something.
 _SOON_S = 1.0
 
-# All robots of a fleet are asked whether they list a shared frame if that is needed for so long by a
-# lookup of robots that have said their frames; or if those of one have not come for longer.
+# All robots of a fleet are asked whether they list a shared frame if that is needed for so long by
+# a lookup of robots that have said their frames; or if those of one have not come for longer.
 _SOUGHT_AFTER_S = 0.5
 _SOUGHT_AT_LAST_S = 5.0
 

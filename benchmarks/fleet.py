@@ -1,8 +1,8 @@
 """The cost of a fleet, and what it takes to follow one: python -m benchmarks.fleet --robots 100
 
-A hub, a router for each 25 robots connected to it, and robots of 50 frames, 20 of them static,
-each with its namespace and session, several to a process. CPU time counts, since the machine may be
-shared. With --write the rows go into docs/guide/scaling.md.
+A hub, a router for each 25 robots, whose hub it is (tfbus router --hub), and robots of 50 frames,
+20 of them static, each with its namespace and session, several to a process. CPU time counts, since
+the machine may be shared. With --write the rows go into docs/guide/scaling.md.
 """
 
 import argparse
@@ -66,17 +66,17 @@ class Fleet:
             # All at once they would leave the routers no CPU, and lose their links.
             self.senders[-1].hear()
 
-    def _open(self, listen: str, connect: str) -> Process:
-        """A router, which others take for silent after the lease."""
+    def _open(self, listen: str, hub: str) -> Process:
+        """A hub, or the router of a site, which others take for silent after the lease."""
         config = self._at.folder / "router.json5"
         lease = f"transport: {{link: {{tx: {{lease: {self._lease_s * 1e3:.0f}}}}}}}"
         config.write_text(Path(self._at.env["TFBUS_CONFIG"]).read_text()[:-1] + f", {lease}}}")
         env = {
             **self._at.env,
             "TFBUS_CONFIG": str(config),
-            "TFBUS_MODE": "router",
+            "TFBUS_MODE": "client" if hub else "router",
             "TFBUS_LISTEN": listen,
-            "TFBUS_CONNECT": connect,
+            "TFBUS_CONNECT": hub,
         }
         router = self._stack.enter_context(Process(self._at, "interest:route", env))
         router.hear()

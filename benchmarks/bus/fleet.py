@@ -159,9 +159,11 @@ class Awaited:
         """
         end_s, left = time.monotonic() + WITHIN_S, set(self.robots)
         while left and time.monotonic() < end_s:
+            looked_s = time.monotonic()
             there = {*self._there(listener, read)}
             left = set(self.robots) & there if self.gone else set(self.robots) - there
-            time.sleep(0.05 if left else 0.0)
+            # To look at a thousand takes a while, in which the listener does nothing else.
+            time.sleep(max(0.05, 4.0 * (time.monotonic() - looked_s)) if left else 0.0)
         return time.monotonic(), len(left)
 
     def _there(self, listener: "tfbus.TransformListener", read: set[str] | None) -> Iterator[str]:

@@ -355,6 +355,38 @@ def test_robots_are_asked_for_a_shared_frame_only_if_a_path_needs_it() -> None:
     interest.close()
 
 
+def test_robots_are_not_asked_before_the_needed_one_has_said_its_frames() -> None:
+    """Many robots are slow to say theirs: none of the others is asked about a shared frame for 5 s,
+    or before the frames of the one are known.
+    """
+    buffer, read, clock = Buffer(), Read(), [0.0]
+    frames: list[set[str]] = []
+    interest = Interest(buffer, read.subscribe, read.forget, clock=lambda: clock[0])
+    interest.find(Fleet(("map", "hall")), lambda _, shared: frames.append({*shared}))
+
+    def wants(number: int) -> bool:
+        """Whether it wants one more, as it does each time that it looks at all that is needed."""
+        buffer.can_transform("odom", f"robot{number}/base")
+        return len(frames) == number
+
+    interest.need("map", "robot1/base")
+    eventually(lambda: wants(1))
+    clock[0] = 4.9
+    eventually(lambda: wants(2))
+    assert frames == [set(), set()]
+    tell(interest, "robot1/wheels", ("hall", "robot1/base", False))
+    eventually(lambda: frames[2:] == [{"map"}])
+    interest.close()
+    late = Interest(buffer, read.subscribe, read.forget, clock=lambda: clock[0])
+    late.need("map", "robot3/base")
+    late.find(Fleet(("map", "hall")), lambda _, shared: frames.append({*shared}))
+    eventually(lambda: len(frames) == 4)
+    clock[0] += 5.0
+    buffer.can_transform("map", "robot4/base")
+    eventually(lambda: frames[-1] == {"map"})
+    late.close()
+
+
 @pytest.mark.parametrize("error", [ValueError("subscribe"), BusError("the link is down")])
 def test_an_error_does_not_end_an_interest(
     error: Exception, caplog: pytest.LogCaptureFixture

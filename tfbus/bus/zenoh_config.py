@@ -39,6 +39,10 @@ _MOST_LINKS = 4
 _ONE_CONNECTS = {"peer": {"to_router": "always", "to_peer": "greater-zid"}}
 
 
+# What connects to a client that listens: it passes on what they send, and asks its router for what
+# they want. Of all else that there is it knows nothing, as a router would.
+_BELOW_A_CLIENT = {"south": [{"filters": [{"modes": ["client", "peer"]}]}]}
+
 # Zenoh drops larger messages without a word. So that a message somewhat too large is still named in
 # the log, it passes on up to this many times the largest limit, and 64 KiB for the bytes around it.
 _NAMED_UP_TO = 2
@@ -102,6 +106,8 @@ def zenoh_config(
         # puts into it; and Zenoh polls it 30 times a second, which doubles the CPU when idle.
         "transport/shared_memory": {"enabled": False},
     }
+    if settings.mode == "client" and settings.listen:
+        defaults["gateway"] = _BELOW_A_CLIENT
     if network.is_bad:
         defaults |= _of_bad_network(network)
     has_datagrams = network.has_datagrams and settings.closed is None
@@ -334,9 +340,7 @@ def _mode(config: zenoh.Config) -> str:
 
 
 def _listen(config: zenoh.Config) -> list[str]:
-    mode = _mode(config)
-    listen = _for_mode(json.loads(config.get_json("listen/endpoints")), mode)
-    return [] if mode == "client" else listen or []
+    return _for_mode(json.loads(config.get_json("listen/endpoints")), _mode(config)) or []
 
 
 def _for_mode(value: Any, mode: str) -> Any:

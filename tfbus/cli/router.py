@@ -1,6 +1,7 @@
 """`tfbus router`: Zenoh's router, without an installed zenohd."""
 
 import logging
+import math
 from contextlib import closing
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from tfbus.base.signals import StopSignals
 from tfbus.bus.presence import watch_nodes
 from tfbus.bus.session import Session
 from tfbus.bus.settings import NodeSettings
-from tfbus.command.options import bus_options
+from tfbus.command.options import bus_options, interruptible
 from tfbus.node.surroundings import watch_endpoints, watch_members
 
 DEFAULT_ENDPOINT = "tcp/[::]:7447"
@@ -21,23 +22,42 @@ SECURE_ENDPOINT = "tls/[::]:7447"
 
 
 @click.command(epilog="Example: tfbus router --listen tcp/[::]:7447")
+@click.option(
+    "--hub",
+    metavar="ENDPOINT",
+    help="Be the router of one site of many: this router tells it what is wanted here.",
+)
 @bus_options("router")
-def command(settings: NodeSettings) -> None:
+@interruptible
+def command(settings: NodeSettings, hub: str | None) -> None:
     """Run a Zenoh router, which connects networks.
 
     Nodes reach it with `--connect tcp/HOST:7447`; with `--mode client`, all their messages go
-    through it. Routers join each other with `--connect`.
+    through it. Routers join each other with `--connect`, and then each knows of everything; with
+    `--hub` a router knows of its own site, and of what is asked for there.
     """
+    if hub is not None and settings.connect:
+        raise click.UsageError(
+            "--hub names the one router that this one joins: omit --connect and TFBUS_CONNECT"
+        )
     endpoint = SECURE_ENDPOINT if settings.secure else DEFAULT_ENDPOINT
     listen = settings.listen or (() if settings.config else (endpoint,))
-    settings = replace(settings, mode="router", listen=listen)
+    if hub is None:
+        settings, patience_s = replace(settings, mode="router", listen=listen), 0.0
+    else:
+        # A client that listens passes on what its own clients send, and asks for.
+        settings = replace(settings, mode="client", listen=listen or (endpoint,), connect=(hub,))
+        patience_s = math.inf
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
-    with Session(settings, log) as session, closing(Executor("router", log)) as executor:
+    with (
+        Session(settings, log, patience_s=patience_s) as session,
+        closing(Executor("router", log)) as executor,
+    ):
         watch_members(session, log)
         watch_endpoints(session, executor, log)
         _log_links(session, log)
-        where = ", ".join(listen) or f"the endpoints of {settings.config}"
+        where = ", ".join(settings.listen) or f"the endpoints of {settings.config}"
         is_open = " (the bus is open; --secure closes it)" if session.open_to else ""
         log.info("Routing on %s%s", where, is_open)
         if session.without_datagrams:

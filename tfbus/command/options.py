@@ -389,12 +389,14 @@ def node_options(default_name: str | Callable[[], str]) -> Callable[[F], F]:
 
     def decorate(function: F) -> F:
         options = {**_NODE_OPTIONS, **_BUS_OPTIONS}
-        return _ROS_ARGS(_with_options(default_name, options)(_interruptible(function)))
+        return _ROS_ARGS(_with_options(default_name, options)(interruptible(function)))
 
     return decorate
 
 
-def _interruptible(function: F) -> F:
+def interruptible(function: F) -> F:
+    """Take Ctrl-C and SIGTERM for the usual end of a click command: exit code 0."""
+
     @functools.wraps(function)
     def command(*args: Any, **values: Any) -> Any:
         try:

@@ -201,8 +201,10 @@ _RETRIED_AFTER_S = 1.0
 # A stream that is read for longer should have sent something.
 _SOON_S = 1.0
 
-# Each robot of a fleet is asked whether it lists a shared frame if that is needed for so long.
+# All robots of a fleet are asked whether they list a shared frame if that is needed for so long by
+# a lookup of robots that have said their frames; or if those of one have not come for longer.
 _SOUGHT_AFTER_S = 0.5
+_SOUGHT_AT_LAST_S = 5.0
 
 _log = library_log(__name__)
 
@@ -314,11 +316,12 @@ class Interest:
         self._subscriptions: dict[str, _Subscription] = {}
         self._fleet: Fleet | None = None
         self._want: Want = lambda namespaces, frames: None
-        # The namespaces and frames that are wanted, with since when one is not needed; and since
-        # when a frame that any robot may have has been needed.
+        # The namespaces and frames that are wanted, with since when one is not needed; since when a
+        # frame that any robot may have has been needed, and when all are to be asked for it.
         self._wanted: dict[str, float | None] = {}
         self._wanted_frames: dict[str, float | None] = {}
         self._needed_since: dict[str, float] = {}
+        self._sought_at: dict[str, float] = {}
         self._closed = False
         self._changed = scheduler.Event()
         self._end_watch = buffer.watch_questions(self._on_question, self._explain)
@@ -439,7 +442,7 @@ class Interest:
                 self._once.exception("round", "Could not follow what lookups need; retrying")
             if not is_done:
                 times.append(now + min(self._kept_s / _ROUNDS, _RETRIED_AFTER_S))
-            times += [since_s + _SOUGHT_AFTER_S for since_s in self._needed_since.values()]
+            times += self._sought_at.values()
             self._changed.wait(max(min(times) - self._clock(), 0.0))
             self._changed.clear()
 
@@ -460,6 +463,7 @@ class Interest:
             self._decisive = self._tree.frames_above({frame for pair in pairs for frame in pair})
             needed = {edge.key: edge for edge in self._tree.edges_needed(pairs)}
             frames = set() if self._fleet is None else self._tree.frames_needed(pairs)
+            told = self._tree.frames_needed(filter(self._is_told, pairs)) if frames else frames
         failed = 0
         for key, edge in needed.items():
             subscription = self._subscriptions.get(key)
@@ -478,8 +482,18 @@ class Interest:
                 self._leave_when_idle(key, subscription, now)
         if self._fleet is not None:
             # After the keys of streams that are not wanted any longer have been left.
-            self._find(self._fleet, frames, now)
+            self._find(self._fleet, frames, told, now)
         return not failed
+
+    def _is_told(self, pair: Pair) -> bool:
+        """Whether the frames of robots are known that a lookup is between."""
+        return all(
+            self._fleet is None
+            or not self._fleet.namespaces_of(frame)
+            or self._tree.describes(frame)
+            or self._parent_here(frame) is not None
+            for frame in pair
+        )
 
     def _say_failed(self, key: str, error: Exception) -> None:
         """Log once that a key could not be subscribed to, unless that is the end of the session."""
@@ -491,20 +505,21 @@ class Interest:
         else:
             self._once.exception("failed", message, key)
 
-    def _find(self, fleet: Fleet, frames: set[str], now: float) -> None:
+    def _find(self, fleet: Fleet, frames: set[str], told: set[str], now: float) -> None:
         """Want the streams that may send these frames: by the robot of a frame at once, by a list
-        with a shared frame once that is still needed when the robots may have said theirs. A
-        stream that has not been needed for as long as a key is read is wanted no longer.
+        with a shared frame once that is still needed when the robots have said theirs, as they have
+        for `told`. A stream that has not been needed for as long as a key is read is wanted no
+        longer.
         """
         shared = (frames & fleet.shared_frames) - self._wanted_frames.keys()
         self._needed_since = {frame: self._needed_since.get(frame, now) for frame in shared}
-        sought = {
-            frame
+        self._sought_at = {
+            frame: since_s + (_SOUGHT_AFTER_S if frame in told else _SOUGHT_AT_LAST_S)
             for frame, since_s in self._needed_since.items()
-            if now >= since_s + _SOUGHT_AFTER_S
         }
+        sought = {frame for frame, at_s in self._sought_at.items() if now >= at_s}
         for frame in sought:
-            del self._needed_since[frame]
+            del self._needed_since[frame], self._sought_at[frame]
         sought |= frames & self._wanted_frames.keys()
         namespaces = {above for frame in frames for above in fleet.namespaces_of(frame)}
         # Both, so without `or`.

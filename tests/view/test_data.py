@@ -458,6 +458,7 @@ def test_a_topic_is_named_with_its_settings() -> None:
         ("scan:topic=points", "'topic=points' is not a setting such as"),
         ("scan:voxel=2001-13-45", "voxel must be a number"),
         (":voxel=5", "':voxel=5' has no topic"),
+        ("scan:group=", "group has no value"),
     ):
         with pytest.raises(SettingsError, match=why):
             topic_named(text, saved)

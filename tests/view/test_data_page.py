@@ -13,7 +13,7 @@ from tests.view.pages import Arm, View, eventually, start_view
 from tfbus import BusError, Node
 from tfbus.bus.presence import describe_nodes
 from tfbus.messages import Image, PointCloud, PointStamped, PoseStamped
-from tfbus.view.screenshot import CLOSE_NOTES, OPEN_TAB
+from tfbus.view.screenshot import CLOSE_NOTES, OPEN_TAB, PICTURES, SHOW_PICTURE
 from tfbus.wire.descriptions import NodeDescription
 
 pytestmark = pytest.mark.real
@@ -44,7 +44,7 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     view = View(pages.new_page(), address)
     view.wait_for_status("tool", "dynamic")
     view.tab("Data")
-    view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
+    view.page.locator(PICTURES).first.wait_for()
     view.page.get_by_role("checkbox", name="points").check()
     view.page.get_by_text("points: PointCloud").wait_for()
     view.page.locator(".tf-dim").filter(has_text="drawn").nth(1).wait_for()
@@ -64,7 +64,52 @@ def test_the_tab_with_the_images_is_opened_for_a_picture(bus: Bus, pages: Any) -
     view = View(pages.new_page(), address)
     view.page.get_by_role("tab", name="Data").wait_for()
     view.page.evaluate(OPEN_TAB.format('"Data"'))
-    view.page.locator("img[src^='data:image/jpeg'], img[src^='blob:']").first.wait_for()
+    picture = view.page.locator(PICTURES).first
+    picture.wait_for()
+    seen = (
+        "image => { const box = image.getBoundingClientRect(); return box.bottom < innerHeight; }"
+    )
+    assert not picture.evaluate(seen)
+    view.page.evaluate(SHOW_PICTURE)
+    assert picture.evaluate(seen)
+
+
+def test_a_group_is_switched_by_its_box_and_settings_are_loaded_from_a_file(
+    bus: Bus, pages: Any
+) -> None:
+    """A topic of a hidden group stays ticked, and is not subscribed; a file replaces that."""
+    _, address = start_view(bus, "--topic", "points:group=lidars", "--topic", "camera")
+    robot = bus.node("robot")
+    Arm(robot)
+    clouds = robot.create_publisher(PointCloud, "points")
+    robot.create_timer(
+        0.1, lambda: clouds.publish(PointCloud.from_xyz(robot.now_ns(), "base", np.eye(3)))
+    )
+    view = View(pages.new_page(), address)
+
+    def is_subscribed() -> list[bool]:
+        return ["points" in each.subscribes for each in answers(robot)]
+
+    eventually(lambda: is_subscribed() == [True])
+    view.tab("Data")
+    group = view.page.get_by_role("checkbox", name="group lidars")
+    group.uncheck()
+    eventually(lambda: is_subscribed() == [False])
+    assert view.page.get_by_role("checkbox", name="points", exact=True).is_checked()
+    view.tab("View")
+    chooser = view.page.locator("input[type=file]").first
+    chooser.set_input_files(
+        {
+            "name": "mine.yaml",
+            "mimeType": "text/yaml",
+            "buffer": b"topics: [{topic: points, group: mine}]\nfixed_frame: base\n",
+        }
+    )
+    view.headline("seen from base")
+    eventually(lambda: is_subscribed() == [True])
+    view.tab("Data")
+    view.page.get_by_role("checkbox", name="group mine").wait_for()
+    assert view.errors == []
 
 
 # The use of tools in quick succession.

@@ -86,6 +86,15 @@ def test_a_goal_that_nobody_heard_is_told_as_such(bus: Bus) -> None:
     assert "goal_pose: here; 1 subscription" in sends()
 
 
+def test_a_subscriber_outside_of_the_namespace_hears_a_tool(bus: Bus) -> None:
+    """A goal on an absolute topic has a subscriber there."""
+    tools = ToolPublishers(bus.node("view", namespace="robot7"))
+    tools.keep(ViewSettings(goal_topic="/goal_pose"))
+    assert not tools.is_heard(TOOLS["goal"])
+    bus.node("planner").create_subscription(PoseStamped, "goal_pose", lambda message: None)
+    eventually(lambda: tools.is_heard(TOOLS["goal"]))
+
+
 def test_another_topic_replaces_the_publisher_and_a_wrong_one_is_named(bus: Bus) -> None:
     """The others stay."""
     tools = ToolPublishers(bus.node("view"))

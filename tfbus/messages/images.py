@@ -66,6 +66,7 @@ class Image(WithArrays):
     """
 
     __msgtype__: ClassVar[str] = "sensor_msgs/msg/Image"
+    __changes__: ClassVar[str] = "data"
 
     stamp_ns: int
     frame_id: str

@@ -93,6 +93,7 @@ class PointCloud(WithArrays):
     """
 
     __msgtype__: ClassVar[str] = "sensor_msgs/msg/PointCloud2"
+    __changes__: ClassVar[str] = "data"
 
     stamp_ns: int
     frame_id: str

@@ -14,7 +14,8 @@ from tfbus.base.signals import StopSignals, Wakeup
 from tfbus.bus.network_session import BytesPublisher, BytesSubscriber
 from tfbus.bus.session import Session
 from tfbus.node.endpoint import Lane, NodeEndpoint
-from tfbus.wire.codec import decode_message, encode_message, is_of_ros, type_name
+from tfbus.wire.codec import is_of_ros, type_name
+from tfbus.wire.forms import Decoder, Encoder
 
 M = TypeVar("M")
 
@@ -35,6 +36,7 @@ class Publisher(NodeEndpoint, Generic[M]):
     ):
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
+        self._encode = Encoder(message_type).encode
         self._publisher = _publisher(session, topic, retained)
         self._parts = [self._publisher]
 
@@ -44,7 +46,7 @@ class Publisher(NodeEndpoint, Generic[M]):
             raise TypeError(
                 f"topic {self.name!r} carries {self.type_name}, not {type_name(type(message))}"
             )
-        self._publisher.put(encode_message(message))
+        self._publisher.put(self._encode(message))
 
 
 class RawPublisher(NodeEndpoint):
@@ -123,6 +125,7 @@ class Subscription(NodeEndpoint, Generic[M]):
     ):
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
+        self._decode = Decoder(message_type).decode
         self._signals = signals
         # Of the threads that iterate, while they wait.
         self._wakes: dict[Callable[[], object], None] = {}
@@ -208,7 +211,7 @@ class Subscription(NodeEndpoint, Generic[M]):
 
     def _on_message(self, key: str, payload: bytes) -> None:
         try:
-            message = decode_message(self.message_type, payload)
+            message = self._decode(payload)
         except DecodeError as error:
             if is_of_ros(payload):
                 self._of_ros += 1

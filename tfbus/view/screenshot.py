@@ -54,12 +54,14 @@ CLOSE_NOTES = (
     ".forEach(button => button.click())"
 )
 # Open a tab by its title, as its key does; show the first image in it, which controls are above.
+# Those of viser's own buttons are drawings.
+PICTURES = "img[src^='data:image/jpeg'], img[src^='blob:']"
 OPEN_TAB = (
     "[...document.querySelectorAll('[role=tab]')].find(tab => tab.textContent.trim() === {})"
     "?.dispatchEvent(new KeyboardEvent('keydown', {{key: 'Enter', bubbles: true}}))"
 )
-_SHOW_IMAGE = (
-    "[...document.querySelectorAll('[role=tabpanel] img')]"
+SHOW_PICTURE = (
+    f'[...document.querySelectorAll("{PICTURES}")]'
     ".find(image => image.offsetParent)?.scrollIntoView({block: 'end'})"
 )
 
@@ -216,7 +218,7 @@ class Screenshot:
                 ask("Runtime.evaluate", expression=OPEN_TAB.format(json.dumps(tab)))
             self._stopped.wait(_SETTLE_S)
             if tab:
-                ask("Runtime.evaluate", expression=_SHOW_IMAGE)
+                ask("Runtime.evaluate", expression=SHOW_PICTURE)
             return base64.b64decode(ask("Page.captureScreenshot", format="png")["data"])
 
 

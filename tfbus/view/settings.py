@@ -289,6 +289,8 @@ def topic_named(text: str, settings: ViewSettings, namespace: str = "") -> Topic
         name, equals, value = part.partition("=")
         if not equals or name == "topic":
             raise SettingsError(f"{text!r}: {part!r} is not a setting such as rate_hz=5")
+        if not value.strip():
+            raise SettingsError(f"{text!r}: {name} has no value after its '='")
         try:
             read = yaml.safe_load(value) if _OF_TOPIC.get(name) is not str else value
         except (yaml.YAMLError, ValueError):  # the latter for a date such as 2001-13-45

@@ -252,6 +252,18 @@ def decode_message(message_type: type[M], data: bytes, *, unknown_fields: bool =
     return cast(M, _read_fields(message_type, values, "", unknown_fields))
 
 
+def bytes_that_change(message_type: type) -> tuple[str, str, tuple[str, ...]]:
+    """The field of a type that is an array of bytes, any of which are right (`__changes__`), their
+    type as numpy names it, and the names of its other fields but the stamp; "" without such one.
+    """
+    name = vars(message_type).get("__changes__", "")
+    if not name:
+        return "", "", ()
+    shape = _shape(message_type)
+    others = tuple(each for each in shape.fields if each not in (name, "stamp_ns"))
+    return name, dict(shape.arrays)[name].dtype, others
+
+
 @cache
 def _is_read_in_place(message_type: type) -> bool:
     return not hasattr(message_type, "__of_bus_map__") and _shape(message_type).has_arrays
@@ -289,6 +301,9 @@ class _ArrayOf(Protocol):
 
     kind: str
     columns: tuple[str, ...]
+
+    @property
+    def dtype(self) -> str: ...
 
     def made(self, value: Any, name: str) -> Any: ...
 

@@ -42,8 +42,8 @@ def publish_statics() -> None:
 
 
 def test_all_statics_are_known_whichever_process_starts_first(bus: simulated_bus.Bus) -> None:
-    """A listener comes to know the twenty static frames of each of ten processes; it may come before,
-    amid or after them.
+    """A listener comes to know the twenty static frames of each of ten processes; it may come
+    before, amid or after them.
     """
     streams = 10
     listeners = [Joining(bus.node("before"), streams)]

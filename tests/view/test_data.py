@@ -273,7 +273,7 @@ def test_markers_come_and_go_by_name_lifetime_and_action(buffer: Buffer) -> None
 def test_a_marker_that_is_sent_again_counts_once(
     buffer: Buffer, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As many as can be drawn, here 200, are, though all are moved just now; one more is refused."""
+    """As many as can be drawn, here 200, are, though all are moved now; one more is refused."""
     monkeypatch.setattr("tfbus.view.data.layer._MOST_MARKERS", 200)
     layer = layer_of(MarkerArray(tuple(map(marker, range(150)))))
     layer.step(buffer, "map", 0.0, SETTINGS)

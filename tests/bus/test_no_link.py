@@ -10,7 +10,7 @@ from tests.buses import DEADLINE_S
 from tests.live_bus import free_port
 from tfbus import BusError, NodeSettings
 from tfbus.bus import links
-from tfbus.bus.links import speaks_tls
+from tfbus.bus.links import speaks_tls, why_unreachable
 from tfbus.bus.session import Session
 
 pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
@@ -92,3 +92,10 @@ def test_where_nothing_answers_it_says_so() -> None:
     nowhere = f"tcp/127.0.0.1:{free_port()}"
     assert speaks_tls(nowhere) is None
     assert f"no router answers at {nowhere}" in refusal(nowhere)
+
+
+@pytest.mark.parametrize("host", ["10.0..7", "a" * 64])
+def test_a_name_that_no_host_has_is_said(host: str) -> None:
+    """As after a slip on the keyboard: Python looks such a name up nowhere."""
+    assert "no host has such a name" in why_unreachable(f"tcp/{host}:7447")
+    assert speaks_tls(f"tcp/{host}:7447") is None

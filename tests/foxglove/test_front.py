@@ -214,6 +214,8 @@ def test_a_host_that_is_not_here_is_an_error(server: Server) -> None:
     """One sentence, with the address."""
     with pytest.raises(TfbusError, match=r"could not listen at 192\.0\.2\.1:8765"):
         Front(Serving(host="192.0.2.1"), server, lambda reason: None)
+    with pytest.raises(TfbusError, match=r"could not listen at 10\.0\.\.7:8765: no host has"):
+        Front(Serving(host="10.0..7"), server, lambda reason: None)
 
 
 @pytest.mark.real

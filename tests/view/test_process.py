@@ -166,6 +166,13 @@ def test_a_port_is_a_number(bus: Bus, port: str) -> None:
     assert f"'{port}'" in done.stderr and "from 1 to 65535" in done.stderr
 
 
+@pytest.mark.parametrize("host", ["10.0..7", "a" * 64])
+def test_a_name_that_no_host_has_is_a_mistake(host: str) -> None:
+    """It is said in a sentence, as a host is of which there is none."""
+    with pytest.raises(ServeError, match="no host has such a name"):
+        serve(host, 8080)
+
+
 @pytest.mark.real
 def test_a_browser_that_says_nothing_is_given_up(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

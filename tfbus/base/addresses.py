@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 if TYPE_CHECKING:
     import ipaddress
 
+# Why Python looks up no address of a name, which it says by a UnicodeError.
+NO_HOST_NAME = "no host has such a name: its parts have 1 to 63 characters"
+
 
 def is_local(host: str) -> bool:
     """Whether a host, a name or an address, is only this machine."""

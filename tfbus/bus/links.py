@@ -16,6 +16,7 @@ from typing import NamedTuple
 import zenoh
 
 from tfbus.base import scheduler
+from tfbus.base.addresses import NO_HOST_NAME
 from tfbus.base.structs import Struct, field
 
 _CONNECT_WITHIN_S = 2.0
@@ -43,6 +44,8 @@ def why_unreachable(endpoint: str) -> str:
     try:
         with socket.create_connection(address, _CONNECT_WITHIN_S):
             return ""
+    except UnicodeError:
+        return NO_HOST_NAME
     except OSError as error:
         return error.strerror or str(error)
 
@@ -69,7 +72,7 @@ def speaks_tls(endpoint: str) -> bool | None:
                 return "ALERT" in (error.reason or "")
             except OSError:
                 return False
-    except OSError:
+    except (OSError, UnicodeError):
         return None
 
 

@@ -189,7 +189,7 @@ def group_at(group: str, place: Place) -> bytes:
 
 
 def _addresses(host: str) -> set[str]:
-    with suppress(OSError):
+    with suppress(OSError, UnicodeError):
         return {str(found[4][0]) for found in socket.getaddrinfo(host or "::", None)}
     return set()
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, quote
 
 from tfbus.base import scheduler
-from tfbus.base.addresses import names_to_open, names_to_open_elsewhere
+from tfbus.base.addresses import NO_HOST_NAME, names_to_open, names_to_open_elsewhere
 from tfbus.base.errors import TfbusError
 from tfbus.command.server_access import AccessToken, PageGate, ServerTls, machine_names
 
@@ -282,6 +282,8 @@ def listening_sockets(host: str, port: int) -> list[socket.socket]:
             error = error or reason
             if isinstance(reason, socket.gaierror):
                 break
+        except UnicodeError as reason:
+            raise TfbusError(f"could not listen at {host}:{port}: {NO_HOST_NAME}") from reason
     assert error is not None
     raise TfbusError(f"could not listen at {host}:{port}: {error.strerror or error}") from error
 

@@ -24,7 +24,7 @@ from websockets.asyncio import server
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
-from tfbus.base.addresses import own_names
+from tfbus.base.addresses import NO_HOST_NAME, own_names
 from tfbus.base.errors import TfbusError
 from tfbus.command.server_access import AccessToken, PageGate, ServerTls, is_same, machine_names
 from tfbus.view.lane import in_lanes
@@ -250,9 +250,10 @@ def serve(
         # viser would report a failure on another thread, and go on.
         with socket.socket(family, kind) as probe:
             probe.bind(address)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
+        reason = (error.strerror or error) if isinstance(error, OSError) else NO_HOST_NAME
         raise ServeError(
-            f"cannot listen on {host!r}: {error.strerror or error}; 127.0.0.1 is this machine alone"
+            f"cannot listen on {host!r}: {reason}; 127.0.0.1 is this machine alone"
         ) from error
     # Browsers open connections in advance and close them again: not worth a log line.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)

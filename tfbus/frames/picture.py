@@ -259,7 +259,6 @@ Panel = Literal["position", "orientation", "speed", "path"]
 PANELS: tuple[Panel, ...] = get_args(Panel)
 
 _COLOURS = ("#dc2626", "#16a34a", "#2563eb")  # x, y and z, as RViz has them
-_GREY = "#6b7280"
 _SIZE = (5.2, 3.4)
 
 # As the view: beyond, matplotlib has no axis.

@@ -51,7 +51,8 @@ class Lock:
 
     def __init__(self, settle: Callable[[], object]) -> None:
         self._settle = settle
-        _locks.add(self)
+        with _forking:
+            _locks.add(self)
         # How often the holder has entered again and not left, and whether it has entered again.
         self._depth = 0
         self._disturbed = False
@@ -226,7 +227,7 @@ class Lock:
 # All of this process, and the ones that a thread holds while it forks; one thread does at a time.
 _locks: WeakSet[Lock] = WeakSet()
 _held: list[Lock] = []
-_forking = threading.Lock()
+_forking = threading.RLock()
 
 
 def _before_fork() -> None:

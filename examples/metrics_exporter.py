@@ -1,10 +1,11 @@
 """Exports the state of a bus to Prometheus: ages, rates and delays of frames, conflicts, losses.
 
     python examples/metrics_exporter.py
-    python examples/metrics_exporter.py --param fleet=true
+    python examples/metrics_exporter.py --param fleet=true --param shared=map
     curl http://127.0.0.1:9464/metrics
 
-The second one has all robots in namespaces below, as robot7/base_link. It needs `pip install
+The second one has all robots in namespaces below, as robot7/base_link, in the map that they share;
+without `shared` the map of each is a tree apart, which counts as a problem. It needs `pip install
 prometheus-client`. Each scrape looks at the bus once. Only programs on this machine can scrape it,
 unless `--param address=0.0.0.0` is given. Ctrl-C ends it.
 """
@@ -62,7 +63,10 @@ with Node.from_args("metrics_exporter") as node:
     port = node.declare_parameter("port", 9464, minimum=0, maximum=65535)
     address = node.declare_parameter("address", "127.0.0.1")
     robots = node.declare_parameter("fleet", False, description="All robots below, too.").value
-    with Watch(node, fleet=Fleet() if robots else None) as watch:
+    text = "Frames that all robots share, with commas."
+    shared = node.declare_parameter("shared", "", description=text).value
+    frames = tuple(filter(None, shared.split(",")))
+    with Watch(node, fleet=Fleet(shared_frames=frames) if robots else None) as watch:
         registry = CollectorRegistry()
         registry.register(BusCollector(watch))
         server, thread = start_http_server(port.value, address.value, registry)

@@ -437,7 +437,8 @@ def test_metrics_of_a_bus_are_scraped(bus: live_bus.Bus) -> None:
     needs.module("prometheus_client")
     mast = bus.start_command([sys.executable, str(ROOT / "examples" / "broadcaster.py")])
     program = str(ROOT / "examples" / "metrics_exporter.py")
-    options = ["--param", "port=0", "--param", "fleet=true"]
+    given = ("port=0", "fleet=true", "shared=map")
+    options = [word for each in given for word in ("--param", each)]
     exporter = bus.start_command([sys.executable, program, *options])
     bus.start("static", "map", "base_link", "--namespace", "robot7")
     address = exporter.wait_for_line("http://127")
@@ -459,6 +460,7 @@ def test_metrics_of_a_bus_are_scraped(bus: live_bus.Bus) -> None:
     metrics = eventually(lambda: found if has_all(found := scraped()) else None)
     assert (metrics["tfbus_conflicts"], metrics["tfbus_refused_total"]) == (0.0, 0.0)
     eventually(lambda: any('frame="robot7/base_link"' in each for each in scraped()))
+    assert not any('frame="robot7/map"' in each for each in scraped())
     assert mast.stop() == 0
     eventually(lambda: scraped()[f"tfbus_frame_gone{camera}"] == 1.0)
     assert exporter.stop() == 0, exporter.err

@@ -77,3 +77,26 @@ def test_where_a_router_is_there_no_endpoint_is_tried(
     fake = FakeBus(settings, routers)
     watch_endpoints(cast(Session, fake), cast(Executor, fake), logging.getLogger("eye"))
     assert fake.looks == looks
+
+
+def test_a_client_says_that_its_router_is_gone_and_back(bus: Bus) -> None:
+    """Once each, in its log; that it ends itself is no such thing."""
+    hub = "tcp/outside:7447"
+    network = bus.network
+
+    def start_hub() -> None:
+        with network.process("outside", "hub"):
+            bus.node("hub", mode="router", listen=("tcp/[::]:7447",))
+
+    start_hub()
+    client = ("--mode", "client", "--connect", hub)
+    program = bus.start("static", "map", "base", *client)
+    program.wait_for_line("ready")
+    network.run(10.0)
+    network.kill("outside/hub")
+    program.wait_for_line(f"No link to {hub}")
+    start_hub()
+    program.wait_for_line("Linked to a router again")
+    network.run(10.0)
+    assert program.stop() == 0
+    assert program.stderr.count("No link") == 1

@@ -35,6 +35,7 @@ from tfbus.node.surroundings import (
     check_id_is_free,
     watch_endpoints,
     watch_members,
+    watch_router,
 )
 from tfbus.node.topic import Publisher, RawPublisher, RawSubscription, Subscription
 from tfbus.wire.keys import CLOCK_TOPIC, check_no_transforms, node_key, resolve
@@ -150,6 +151,7 @@ class Node:
         session.watch_links(OpenFilesWatch(self.log).check)
         watch_members(session, self.log)
         watch_endpoints(session, self.executor, self.log)
+        watch_router(session, self.executor, self.log)
         self._duplicates = DuplicateNameWatch(
             self.name, self.full_name, self.started_ns, session, self.executor, self.log
         )

@@ -185,6 +185,37 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
     executor.after(_AFTER_S, check)
 
 
+# A router that is restarted is back by then.
+_ROUTER_GONE_S = 3.0
+_SAY_AGAIN_AFTER_S = 60.0
+
+
+def watch_router(session: Session, executor: Executor, log: logging.Logger) -> None:
+    """Of a client, log that its router is gone, and that it has one again."""
+    if session.settings.mode != "client":
+        return
+    once, is_gone = LogOnce(log, again_s=_SAY_AGAIN_AFTER_S), False
+
+    def check() -> None:
+        nonlocal is_gone
+        with suppress(BusError):  # it is closed meanwhile
+            was_gone, is_gone = is_gone, not session.routers()
+            if is_gone and not was_gone:
+                where = listed(session.settings.connect) or "a router"
+                once.warning(
+                    "gone",
+                    "No link to %s, which is tried again: nothing is sent or received",
+                    where,
+                )
+            elif was_gone and not is_gone:
+                once.info("back", "Linked to a router again")
+
+    def check_later() -> None:
+        executor.after(_ROUTER_GONE_S, check)
+
+    session.watch_links(check_later)
+
+
 # So few that the next processes may not find room.
 _FEW = 8
 

@@ -1,12 +1,16 @@
 """Every key that tfbus uses has a rule: the messages that each role may send on it."""
 
 import inspect
+import json
+from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
 from tfbus.bus.rights import ROLES, Identity, Rights, access_control
+from tfbus.bus.settings import NodeSettings
+from tfbus.bus.zenoh_config import zenoh_config
 from tfbus.wire import keys
 
 ALL = frozenset(ROLES)
@@ -157,3 +161,27 @@ def test_the_router_of_the_same_identity_carries_what_others_send() -> None:
     for message, key in (("query", "**/@tfbus/node/*"), ("put", "robot7/tf/other")):
         assert is_allowed(control, "it", message, key)
         assert not is_allowed(control, "leg", message, key)
+
+
+@pytest.mark.parametrize(
+    ("mode", "listen", "takes"),
+    [
+        ("client", (), True),
+        ("client", ("tls/[::]:7447",), False),
+        ("peer", (), False),
+    ],
+)
+def test_only_a_client_without_clients_of_its_own_has_such_a_router(
+    mode: str, listen: tuple[str, ...], takes: bool, tmp_path: Path
+) -> None:
+    """To others each process of the same identity may send what that may send, and no more."""
+    pytest.importorskip("cryptography", reason="needs cryptography: pip install cryptography")
+    from tfbus.bus.keystore import Keystore
+
+    keystore = Keystore.init(tmp_path / "keys", days=10)
+    keystore.add(Identity("it", "publisher", "robot7"), days=5)
+    settings = NodeSettings(
+        "it", mode=mode, listen=listen, connect=(), secure=str(keystore.path / "it")
+    )
+    control = json.loads(zenoh_config(settings).get_json("access_control"))
+    assert is_allowed(control, "it", "put", "robot8/scan") is takes

@@ -129,7 +129,9 @@ def zenoh_config(
         # window of the other end: by default 64 kB, for which 1 Mbit/s takes 0.5 s.
         defaults["transport/link/tcp/so_rcvbuf"] = window
     if settings.closed is not None:
-        given |= _encrypted(settings.closed, window, is_client=is_client)
+        # A client that listens has clients of its own, as the router of a site has.
+        carried = is_client and not settings.listen
+        given |= _encrypted(settings.closed, window, carried=carried)
         if not settings.listen and settings.mode != "client":
             given["listen/endpoints"] = ["tls/[::]:0"]
     if scouting_s is not None:
@@ -242,15 +244,16 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
         return zenoh.Config.from_file(str(path))
 
 
-def _encrypted(folder: "SecureFolder", window: int | None, *, is_client: bool) -> dict[str, Any]:
+def _encrypted(folder: "SecureFolder", window: int | None, *, carried: bool) -> dict[str, Any]:
     """The settings that encrypt every link, offer this window on it, in bytes, and let in only
-    messages that the rights allow.
+    messages that the rights allow; if it is `carried`, all from its own identity, which carries
+    messages of others to it.
     """
     from tfbus.bus.rights import access_control
 
     identity = folder.identity
-    # All links of a client are those to its router, which a robot runs by its own identity.
-    control = access_control(folder.rights.seen_by(identity), identity.name if is_client else "")
+    # All links of such a client are those to its router, which a robot runs by its own identity.
+    control = access_control(folder.rights.seen_by(identity), identity.name if carried else "")
     certificate, key = str(folder.certificate), str(folder.key)
     tls = {
         "root_ca_certificate": str(folder.authority),

@@ -379,7 +379,7 @@ class TestCommands:
             assert option in whole
         assert "--help-all" in short and "--help-all" not in whole
         assert "--precision" in short and "--precision" in whole
-        assert "--listen ENDPOINT" in CliRunner().invoke(main, ["router", "--help"]).output
+        assert "--listen ENDPOINT" in CliRunner().invoke(main, ["follow", "--help"]).output
 
     def test_an_unknown_command_gets_a_near_name(self, bus: Bus) -> None:
         """A misspelt command is a usage error with a near name."""

@@ -3,7 +3,6 @@
 import gc
 from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 import hypothesis
 import pytest
@@ -40,7 +39,6 @@ def pytest_collection() -> None:
 
 def pytest_collection_finish() -> None:
     """Let it collect what the tests leave, at times: a simulation leaves thousands of objects."""
-    gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     gc.enable()
@@ -55,11 +53,11 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 
 @pytest.fixture
-def bus(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Bus]:
+def bus(request: pytest.FixtureRequest) -> Iterator[Bus]:
     """A bus of the test's own: simulated, or of real processes where the test is marked `real`."""
     with ExitStack() as stack:
         if request.node.get_closest_marker("real"):
-            made: Bus = live_bus.Bus(tmp_path)
+            made: Bus = live_bus.Bus(request.getfixturevalue("tmp_path"))
         else:
             stack.enter_context(simulated_bus.bare_host())
             made = simulated_bus.Bus(request.getfixturevalue("network"))

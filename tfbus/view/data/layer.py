@@ -323,10 +323,11 @@ class TopicLayer:
 
     def _has_room(self, key: object) -> bool:
         """Whether a marker can be drawn, too; one that is there already, at its new place."""
-        if len(self.placed) + len(self._unplaced) < _MOST_MARKERS:
+        if key in self.placed or key in self._unplaced:
             return True
-        keys = {*self.placed, *self._unplaced}
-        return key in keys or len(keys) < _MOST_MARKERS
+        # One that moves may be among both.
+        most = len(self.placed) + len(self._unplaced)
+        return most < _MOST_MARKERS or len({*self.placed, *self._unplaced}) < _MOST_MARKERS
 
     def _take_odometry(self, odometry: messages.Odometry, now_s: float) -> None:
         at = odometry.pose.pose.position

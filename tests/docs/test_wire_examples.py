@@ -34,7 +34,7 @@ from tfbus.base.errors import DecodeError
 from tfbus.messages import PointCloud
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import read_description
-from tfbus.wire.numbered import NO_NUMBERS
+from tfbus.wire.numbered import NO_NUMBERS, numbers_of
 from tfbus.wire.transforms import NumberedEncoder, decode_transforms
 
 pytestmark = pytest.mark.real
@@ -284,7 +284,7 @@ def assert_read_alike(
     if described:
         lines = [f"message {described.hex()} @tfbus/stream/s\n{line}" for line in lines]
         numbers = wire.decode_description(described).numbers
-        ours = read_description(described)[0].numbers
+        ours = numbers_of(read_description(described)[0])
     answers = answers_of_c(program, lines)
     assert any("refused tf/s" in answer for answer in answers)
     for payload, answer in zip(payloads, answers, strict=True):
@@ -399,7 +399,7 @@ def test_frames_by_numbers_are_read(language: str, program: str, tmp_path: Path)
     """As tfbus reads them, both forms, and no message of another epoch or with bytes too few."""
     numbered = frozen_now()["numbered"]
     description = bytes.fromhex(numbered["description"])
-    numbers = read_description(description)[0].numbers
+    numbers = numbers_of(read_description(description)[0])
     described, sent = tmp_path / "description", tmp_path / "message"
     for poses in ("float32", "compact"):
         payload = bytes.fromhex(numbered[poses])

@@ -19,7 +19,6 @@ from tfbus.geometry.columns import Columns
 from tfbus.streams import clock_offset
 from tfbus.testing.network import Network
 from tfbus.testing.processes import START_NS, Process
-from tfbus.testing.tasks import SimulationError
 from tfbus.wire.keys import transforms_key
 from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -526,12 +525,13 @@ class Run:
 
 
 def violation(plan: Plan) -> str | None:
-    """The law that a history violates; None for none."""
+    """The law that a history violates, or the error that ended a thread of it; None for none."""
     try:
         Run(plan).run()
-    except (Violation, SimulationError) as error:
-        text = str(error)
-        return text if isinstance(error, Violation) else f"{text}\n{plan}"
+    except Violation as error:
+        return str(error)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}\n{plan}"
     return None
 
 

@@ -35,6 +35,7 @@ class EventLoop:
         self._observer = observer
         self._loop = scheduler.new_event_loop()
         self._tasks: dict[asyncio.Task[None], None] = {}
+        self._is_ending = False
         # By their names: coroutines that have not ended.
         self.living: Counter[str] = Counter()
 
@@ -59,10 +60,16 @@ class EventLoop:
 
     def ring(self) -> None:
         """End the `run` of now, or else the next one; from any thread."""
-        self._loop.call_soon_threadsafe(self._loop.stop)
+        self._loop.call_soon_threadsafe(self._stop)
+
+    def _stop(self) -> None:
+        # A ring that no `run` has heard must not end the last steps.
+        if not self._is_ending:
+            self._loop.stop()
 
     def close(self) -> None:
         """Cancel all coroutines; any that does not end within 1 s is left as it is."""
+        self._is_ending = True
         for task in self._tasks:
             task.cancel()
         if self._tasks:

@@ -91,6 +91,17 @@ def test_the_error_has_the_edge_the_hole_and_the_limit(buffer: Buffer) -> None:
         assert fact in str(error)
 
 
+def test_the_error_names_no_edge_beside_the_hole(buffer: Buffer) -> None:
+    """Whose samples around the time are near each other."""
+    for tenth in range(10, 15):
+        buffer.set_transform(moved(tenth * S // 10, "base", "arm", 0.5))
+        buffer.set_transform(moved(tenth * S // 10, "earth", "map", 0.5))
+    for ends in (("earth", "arm"), ("arm", "earth")):
+        with pytest.raises(GapException) as caught:
+            buffer.lookup_transform(*ends, 12 * S // 10 + 1, sampling=HALF)
+        assert caught.value.child_frame_id == "base"
+
+
 @pytest.mark.parametrize("interpolation", ["linear", "screw"])
 def test_extrapolation_goes_on_from_no_two_samples_that_are_too_far_apart(
     interpolation: Any,

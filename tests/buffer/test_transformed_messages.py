@@ -135,6 +135,18 @@ def test_points_with_times_are_each_moved_at_their_own(name: str, times: Any) ->
     np.testing.assert_allclose(in_base.xyz()[:, 0], 0.02 * np.arange(5), atol=1e-6)
 
 
+def test_points_with_times_are_turned_as_the_frame_was_then() -> None:
+    """About whatever axis."""
+    buffer, times = Buffer(), np.arange(5)
+    tilted = [Transform.from_rpy(0.3 * at, 0.5 - 0.2 * at, 0.1 * at) for at in times]
+    for at, pose in zip(times.tolist(), tilted, strict=True):
+        buffer.set_transform(TransformStamped((1 + at) * S, "odom", "base", pose))
+    points = np.linspace(-1.0, 3.0, 15).reshape(5, 3)
+    cloud = messages.PointCloud.from_xyz(S, "base", points, time=times.astype(np.float32))
+    expected = [pose.apply(point) for pose, point in zip(tilted, points, strict=True)]
+    np.testing.assert_allclose(buffer.transform(cloud, "odom").xyz(), expected, atol=1e-5)
+
+
 def test_a_time_that_is_not_finite_makes_no_other_one_of_another_unit() -> None:
     """Seconds stay seconds beside one that is not known, which is that of the stamp."""
     columns = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f4")]

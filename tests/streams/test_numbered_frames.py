@@ -115,6 +115,23 @@ def test_a_frame_that_comes_later_does_not_hold_up_the_others(bus: Bus) -> None:
     assert info(listener).unnamed <= 2
 
 
+def test_names_that_a_link_loses_are_asked_for(bus: Bus, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No description comes by itself."""
+    monkeypatch.setattr(StreamWatch, "_on_description", lambda *_: None)
+    arm = bus.node("arm")
+    buffer, _ = listening(bus, "viewer")
+    broadcaster = TransformBroadcaster(arm, poses="compact")
+    heard(arm)
+    for count in (1, 2):
+        eventually(
+            lambda count=count: (
+                send(broadcaster, arm, 0.1, count)
+                and buffer.can_transform("base", f"link{count - 1}")
+            ),
+            every_s=1.0,
+        )
+
+
 def test_a_frame_that_is_removed_and_sent_again_has_another_number(bus: Bus) -> None:
     """It is gone in between, and its new poses are those that are sent then."""
     arm = bus.node("arm")

@@ -3,6 +3,7 @@
 import logging
 
 from tests.builders import S, at, payload, x_of
+from tests.streams.received import Received
 from tfbus import Buffer
 from tfbus.streams.reception import DynamicReception, StreamReception
 from tfbus.streams.stream_facts import OF_EPOCH, PendingMessages, Receive, ReceptionHooks
@@ -74,3 +75,14 @@ def test_a_message_whose_epoch_is_confirmed_while_it_is_being_kept_is_received()
     stream.statics.receive(payload([at(2, "post")], 2))
     DynamicReception(stream).receive(payload([at(4, "robot", S)], 3))
     assert (x_of(buffer, "world", "post"), x_of(buffer, "world", "robot")) == (2, 4)
+
+
+def test_a_flood_of_another_epoch_asks_the_publisher_once_a_second() -> None:
+    """Each of its messages would ask."""
+    received, asked = Received(), []
+    received.stream.around.on_dispute = lambda stream, _: asked.append((stream, received.time_s))
+    received.stream.describe(1, frozenset({"robot"}), confirmed=True)
+    for second in (0.0, 0.5, 0.99, 1.0, 1.9, 2.0):
+        received.time_s = second
+        received.send(at(4, "robot", S), epoch_ns=2)
+    assert asked == [("sim", 0.0), ("sim", 1.0), ("sim", 2.0)]

@@ -75,9 +75,16 @@ def test_the_text_is_a_tree():
 
 
 def test_a_notebook_shows_a_drawing():
-    """The SVG is well-formed and has every frame in it."""
+    """The SVG is well-formed and has every frame in it, with a line from its parent."""
     svg = robot()._repr_svg_()
-    ElementTree.fromstring(svg)
+    drawing = ElementTree.fromstring(svg)
+    world, base, *leaves = (
+        (int(each.attrib["cx"]), int(each.attrib["cy"])) for each in drawing.iterfind("{*}circle")
+    )
+    assert [each.attrib["d"] for each in drawing.iterfind("{*}path")] == [
+        f"M{up_x} {up_y + 6}V{y}H{x - 6}"
+        for (up_x, up_y), (x, y) in [(world, base), *((base, leaf) for leaf in leaves)]
+    ]
     for name in ("world", "base", "camera", "arm&lt;1&gt;"):
         assert f">{name}<" in svg
 

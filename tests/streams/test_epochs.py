@@ -2,7 +2,8 @@
 
 import pytest
 
-from tfbus.streams.stream_facts import Epochs, Verdict
+from tfbus.base import scheduler
+from tfbus.streams.stream_facts import Epochs, Verdict, is_from_future
 
 PRESENT, OUTDATED = Verdict.PRESENT, Verdict.OUTDATED
 
@@ -75,3 +76,11 @@ def test_kept_messages_show_no_second_publisher(epochs: Epochs) -> None:
     """Messages that were not sent just now may be of a dead process."""
     assert {epochs.judge(1) for _ in range(100)} == {OUTDATED}
     assert not epochs.second_publisher_is_alive
+
+
+def test_an_epoch_a_minute_ahead_is_of_a_clock_that_differs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One further ahead is from the future."""
+    monkeypatch.setattr(scheduler, "time_ns", lambda: 0)
+    assert not is_from_future(60_000_000_000) and is_from_future(60_000_000_001)

@@ -229,6 +229,22 @@ def test_a_stream_that_is_back_is_asked_again() -> None:
     assert past.kept == [b"present"]
 
 
+def test_messages_that_are_missing_are_asked_for_though_the_stream_never_left() -> None:
+    """Those of the silence before the one that came."""
+    past = Past()
+    past.history.miss("tf/sim", cast(StreamReception, past), 2.0)
+    assert not past.questions
+    past.ask()
+    past.history.miss("tf/sim", cast(StreamReception, past), 2.0)
+    assert len(past.questions) == 1
+    past.answer(Page(()))
+    past.run(1.0)
+    past.history.miss("tf/sim", cast(StreamReception, past), 2.0)
+    past.run(2.0)
+    _, (selector, *_) = past.questions
+    assert selector.startswith("tf/sim?last_s=")
+
+
 def test_a_question_goes_on_though_its_key_made_room_for_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

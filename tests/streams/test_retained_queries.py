@@ -121,6 +121,18 @@ def test_a_publisher_is_asked_until_it_answers(
     assert len(asked.keys) == 21
 
 
+def test_a_refusal_is_no_static_transform(asked: Asked, received: Received) -> None:
+    """Nor is an answer that comes once nothing is asked any more."""
+    list_static(received, "post")
+    check(asked, received)
+    refused = payload([at(3, "post")])
+    asked.on_answer(Answer("tf_static/sim", refused, refusal="not now"))
+    assert received.x_of("post") is None
+    asked.recovery.close()
+    asked.on_answer(Answer("tf_static/sim", refused))
+    assert received.x_of("post") is None
+
+
 def test_a_lost_question_is_not_waited_for(asked: Asked, received: Received) -> None:
     """Another is asked when one takes long, and the end of the first asks none."""
     list_static(received, "post")

@@ -1,5 +1,6 @@
 """The messages that a stream keeps: as far back as was asked for, and no removed frame."""
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -12,7 +13,8 @@ from tfbus.wire.transforms import TransformMessage, decode_transforms, encode_tr
 
 @settings(deadline=None)
 @given(
-    st.lists(st.integers(0, 3 * S), max_size=20),
+    # Of up to three seconds; large numbers would be drawn small, as hardly any pause at all.
+    st.lists(st.integers(0, 30).map(lambda tenths: tenths * S // 10), max_size=20),
     st.integers(0, 8).map(float),
     st.integers(0, 12).map(float) | st.just(float("inf")),
 )
@@ -70,3 +72,14 @@ def test_nothing_is_kept_of_a_removed_frame(
         for ts in decode_transforms(payload).batch:
             found.setdefault(ts.child_frame_id, []).append(ts.stamp_ns)
     assert found == expected
+
+
+@pytest.mark.parametrize("numbers", ["", "1", "x.9", "1.x", "-1.9", "1.9.9"])
+def test_a_place_that_none_has_named_is_none(numbers: str) -> None:
+    """Any peer may ask for one: all of the last seconds come."""
+    kept = SentHistory(10.0, clock_ns=Clock())
+    kept.append("tf/sim", b"first")
+    kept.append("tf/sim", b"second")
+    span = kept.span(10.0)
+    assert kept.span(10.0, f"{span.name}.{numbers}") == span
+    assert kept.span(10.0, f"{span.name}.1.2").entries == [("tf/sim", b"second")]

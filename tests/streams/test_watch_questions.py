@@ -343,6 +343,27 @@ def test_an_answer_is_no_newer_than_a_description_that_came_since_the_question(
     assert questions.watch.streams()["sim"].description == removed
 
 
+def test_an_answer_to_all_is_no_newer_than_a_description_that_came_since(
+    questions: Questions, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As one about a single stream."""
+    asked: list[Callable[[Answer], None]] = []
+    ask = questions_for(lambda *args: asked.append(args[2]))
+    monkeypatch.setattr(description_queries, "descriptions_question", ask)
+    removed = replace(description(2), session="b")
+    listed = replace(removed, frames=(("world", "robot", False),))
+    keys = [f"@tfbus/stream/s{number}" for number in range(100)]
+    for key in keys:
+        questions.token(key, True)
+    questions.run(0.2)
+    questions.describe(keys[-1], encode_message(removed), "b")
+    for key in keys[-2:]:
+        asked[-1](Answer(key, encode_message(listed), sender="b"))
+    questions.run(1.0)
+    streams = questions.watch.streams()
+    assert (streams["s98"].description, streams["s99"].description) == (listed, removed)
+
+
 def robot_key(number: int) -> str:
     return f"robot{number}/@tfbus/stream/wheels"
 

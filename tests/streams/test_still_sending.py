@@ -46,8 +46,11 @@ def test_messages_under_way_bring_no_publisher_back(bus: Bus) -> None:
     assert back_s - gone_s > 2.0
 
 
-def test_a_publisher_whose_token_is_back_is_no_longer_looked_at(bus: Bus) -> None:
+def test_a_publisher_whose_token_is_back_is_no_longer_looked_at(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Its token says when it is gone: it may be silent."""
+    looks: list[float] = []
     publisher, buffer = bus.node("sim"), Buffer()
     sending = keep_sending(publisher, "world", "robot")
     node = bus.node("listener")
@@ -62,6 +65,9 @@ def test_a_publisher_whose_token_is_back_is_no_longer_looked_at(bus: Bus) -> Non
         sending.cancel()
         bus.network.run(20.0)
         assert not buffer.frame("robot").gone
+        monkeypatch.setattr(Executor, "after", lambda self, delay_s, call: looks.append(delay_s))
+        bus.network.run(20.0)
+        assert looks == []
 
 
 def test_a_publisher_that_is_gone_costs_no_wake_ups(

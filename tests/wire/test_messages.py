@@ -130,3 +130,5 @@ def test_a_stamp_of_ros_is_checked_before_it_is_converted(field: str) -> None:
     stamp = {"sec": 1, "nanosec": 2, field: _Uncopied([0])}
     with pytest.raises(DecodeError, match=r"'header' .*sec and nanosec"):
         from_map(messages.PoseStamped, {"header": {"stamp": stamp, "frame_id": "map"}})
+    with pytest.raises(DecodeError, match=r"'lifetime' .*sec and nanosec"):
+        from_map(messages.Marker, {"lifetime": stamp})

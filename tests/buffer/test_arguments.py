@@ -14,6 +14,7 @@ from tfbus.base.errors import InvalidArgumentException, LookupException
 from tfbus.buffer import trajectories
 from tfbus.buffer.buffer import Buffer
 from tfbus.geometry.batch import TransformBatch
+from tfbus.geometry.kernel import LONGEST_NS
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.streams.sender import StreamOptions
@@ -171,6 +172,8 @@ def test_a_window_is_a_number_of_seconds(wrong: Any):
     """From a nanosecond to all that stamps can say."""
     with pytest.raises(InvalidArgumentException, match=r"window_s .*number"):
         filled().lookup_twist("robot", "world", window_s=wrong)
+    longest = filled().lookup_twist("robot", "world", window_s=LONGEST_NS / 1e9)
+    assert longest.linear.tolist() == [0, 0, 0]
 
 
 @pytest.mark.parametrize("wrong", ["1", -1.0, math.nan])

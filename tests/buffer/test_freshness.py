@@ -60,6 +60,8 @@ def test_a_frame_whose_publisher_is_gone_says_so(buffer: Buffer) -> None:
     assert (error.frame_id, error.child_frame_id, error.authority) == ("world", "robot", "sim")
     assert (error.age_s, error.gone, error.waiting) == (1.0, True, "")
     assert "publisher is gone" in error.fact and error.advice == "start it again"
+    with pytest.raises(StaleException, match=r"1\.000 s old: .*0\.5 s, and its publisher is gone"):
+        buffer.lookup_transform("world", "camera", max_age_s=0.5)
     buffer.mark_gone(["robot"], False, "sim")
     assert buffer.can_transform("world", "camera", living=True)
 

@@ -1,12 +1,17 @@
 """The rights of identities, and the sentences that say why not."""
 
+import logging
+
 import pytest
 
 from tests.builders import at
 from tfbus import SettingsError
+from tfbus.base.log import LogOnce
 from tfbus.bus.rights import RIGHTS, ROLES, Identity, Rights
 from tfbus.geometry.columns import Columns
 from tfbus.streams.frame_names import StreamRights
+from tfbus.streams.stream_states import StreamStates
+from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription
 
 
@@ -194,11 +199,14 @@ def test_a_description_is_judged_by_its_child_frames() -> None:
     """Whatever their parents are called."""
     rights = Rights({"arm": Identity("arm", "publisher", frames=("arm/*",))})
     rows = (("leg", "arm/left", False), ("arm/left", "leg", False))
-    kept, mistake = StreamRights(rights, "").checked(
-        "@tfbus/stream/arm", StreamDescription(1, "/arm", 1, rows)
-    )
+    key, described = "@tfbus/stream/arm", StreamDescription(1, "/arm", 1, rows)
+    kept, mistake = StreamRights(rights, "").checked(key, described)
     assert kept is not None and kept.frames == rows[:1]
     assert mistake.endswith("publish 'leg', only arm/*")
+    # The listener takes it so.
+    log = LogOnce(logging.getLogger("test"))
+    states = StreamStates(log, StreamRights(rights, ""), lambda state: None, lambda state: None)
+    assert states.read(key, encode_message(described)) == kept
 
 
 class Counted(str):

@@ -84,3 +84,16 @@ def test_an_epoch_a_minute_ahead_is_of_a_clock_that_differs(
     """One further ahead is from the future."""
     monkeypatch.setattr(scheduler, "time_ns", lambda: 0)
     assert not is_from_future(60_000_000_000) and is_from_future(60_000_000_001)
+
+
+def test_an_epoch_in_the_future_is_none_unless_its_publishers_clock_was_there_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """By as much as when the present one began."""
+    monkeypatch.setattr(scheduler, "time_ns", lambda: 10)
+    minute = 60_000_000_000
+    for ahead in (0, 3 * minute):
+        epochs = Epochs()
+        assert epochs.judge(10 + ahead) is Verdict.FIRST
+        assert epochs.judge(11 + ahead + minute) is Verdict.FUTURE
+        assert epochs.judge(10 + ahead + minute) is Verdict.RESTART

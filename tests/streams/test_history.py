@@ -67,6 +67,11 @@ def test_minutes_without_a_link_come_back_behind_what_is_sent_now(bus: Bus) -> N
     assert not missing()
 
 
+def stamps_of(buffer: Buffer) -> set[int]:
+    """The stamps of the samples of `robot`, if there are any."""
+    return {*samples(buffer, "robot").stamps_ns.tolist()} if "robot" in buffer.frames() else set()
+
+
 class Past:
     """A history of ten seconds, and in the place of the bus questions that the test answers."""
 
@@ -242,7 +247,34 @@ def test_messages_that_are_missing_are_asked_for_though_the_stream_never_left() 
     past.history.miss("tf/sim", cast(StreamReception, past), 2.0)
     past.run(2.0)
     _, (selector, *_) = past.questions
-    assert selector.startswith("tf/sim?last_s=")
+    last_s = selector.removeprefix("tf/sim?last_s=").partition(";")[0]
+    # And some seconds before, whose messages may be lost too.
+    assert float(last_s) >= 5.0
+
+
+def test_what_a_link_lost_in_a_silence_comes_from_the_history(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Though the token of its stream was there all the time."""
+    is_silent, sent = [False], list[int]()
+    take = TransformListener._on_message
+    monkeypatch.setattr(
+        TransformListener, "_on_message", lambda *given: is_silent[0] or take(*given)
+    )
+    node, buffer = bus.node("sim"), Buffer()
+    broadcaster = TransformBroadcaster(node, history_s=60.0)
+
+    def send() -> None:
+        sent.append(node.now_ns())
+        broadcaster.send_transform(at(1, "robot", sent[-1]))
+
+    node.create_timer(0.1, send)
+    with TransformListener(buffer, bus.node("listener"), history_s=60.0):
+        eventually(lambda: {*sent[:-1]} and {*sent[:-1]} <= stamps_of(buffer))
+        is_silent[0] = True
+        bus.network.run(3.0)
+        is_silent[0] = False
+        eventually(lambda: {*sent[:-2]} <= stamps_of(buffer))
 
 
 def test_a_question_goes_on_though_its_key_made_room_for_others(

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from tfbus.base.json_text import json_text
+from tfbus.base.standard_error import for_stderr
 from tfbus.base.wording import columns, counted, cut, cut_apart, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -151,12 +152,14 @@ def first_lines(lines: list[str], most: int = _MOST_LINES) -> list[str]:
 
 def warn(what: object) -> None:
     """Print to stderr a problem that does not stop the tool."""
-    click.echo(f"{paint('Warning:', 'warning')} {sentence(what)}", err=True)
+    text = for_stderr(f"Warning: {sentence(what)}")
+    click.echo(f"{paint('Warning:', 'warning')}{text.removeprefix('Warning:')}", err=True)
 
 
 def say(what: object) -> None:
     """Print a sentence on the tool's work to stderr, as that it waits for a topic."""
-    click.echo(paint(sentence(what), "faint"), err=True)
+    for line in for_stderr(sentence(what)).split("\n"):
+        click.echo(paint(line, "faint"), err=True)
 
 
 def run_in_shell(option: str, line: str, told: Mapping[str, str]) -> None:

@@ -181,6 +181,11 @@ def paint(text: str, role: str) -> str:
     return click.style(text, **_ROLES[role])
 
 
+def with_type(name: str, type_name: str) -> str:
+    """`turtle1/pose [Pose]`."""
+    return f"{name} {paint(f'[{type_name}]', 'type')}"
+
+
 def paint_state(text: str, state: str) -> str:
     """The text in the style of a frame's state."""
     return paint(text, _STATE_ROLES[state]) if state in _STATE_ROLES else text

@@ -1,5 +1,5 @@
 """The lock of a file or folder: of all processes of this host one holds it, until it lets go or
-ends. Where there are no such locks, as on Windows, nobody is known to hold one.
+ends. On a system without such locks, as Windows, nobody is known to hold one.
 """
 
 import os

@@ -166,6 +166,24 @@ def test_a_file_cut_short(bag: Path) -> None:
     assert done.exit_code == 0 and "cut short" in done.output and "turtle1/pose" in done.output
 
 
+def test_a_file_that_is_being_written(tmp_path: Path) -> None:
+    """It is not said to be cut short, before and after its first message; once it is closed, it is
+    complete.
+    """
+    path = tmp_path / "growing.mcap"
+    with RecordingWriter(path) as writer:
+        writer.flush()
+        done = info(path)
+        assert done.exit_code == 1 and "is being written: no message" in done.output
+        writer.write(TopicItem(T0, "turtle1/pose", "Pose", {"x": 0.5}))
+        writer.flush()
+        done = info(path)
+        assert "being written" in done.output and "cut short" not in done.output
+        doctor = CliRunner().invoke(main, ["doctor", "--bag", str(path)]).output
+        assert "cut short" not in doctor
+    assert "complete" in info(path).output
+
+
 @pytest.mark.parametrize(
     ("content", "said"),
     [

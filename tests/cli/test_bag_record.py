@@ -422,7 +422,8 @@ class Terminal:
 
     @property
     def text(self) -> str:
-        return self._shown.decode(errors="replace")
+        # Long lines of the log go on in the next one.
+        return self._shown.decode(errors="replace").replace("\r\n  ", " ")
 
     def type(self, keys: str) -> None:
         os.write(self._master, keys.encode())

@@ -54,7 +54,7 @@ def test_another_server_is_an_os_error(server: Callable[[bytes], str], answer: b
 @pytest.mark.parametrize(
     "uri",
     ["", "localhost", "localhost:11311", "ftp://localhost", "http://", "http://[",
-     "http://localhost:abc", "http://localhost:99999"],
+     "http://localhost:abc", "http://localhost:99999", "http://a..b:1", "http://a b:1"],
 )  # fmt: skip
 def test_what_is_no_uri_is_said(uri: str) -> None:
     """With an example."""

@@ -122,7 +122,7 @@ for (const tool of ['goal', 'point', 'goal', 'point', 'goal'])
 
 def test_no_use_of_a_tool_is_lost(bus: Bus, pages: Any) -> None:
     """By its key on any tab, through the notes of the page, and however quickly one follows
-    another.
+    another. Its button is pressed, also if its tab is opened later.
     """
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
@@ -145,6 +145,11 @@ def test_no_use_of_a_tool_is_lost(bus: Bus, pages: Any) -> None:
     uses = ["clicked_point"] * 2 + ["goal_pose"] * 3
     eventually(lambda: len(sent) >= len(uses))
     assert sorted(sent) == uses
+    view.page.keyboard.press("g")
+    view.tab("Tools")
+    view.page.locator("[data-tool=goal][aria-pressed=true]").wait_for()
+    view.page.keyboard.press("Escape")
+    view.page.locator("[data-tool=goal][aria-pressed=false]").wait_for()
     assert view.errors == []
 
 

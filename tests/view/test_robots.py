@@ -297,6 +297,26 @@ def test_markers_have_meshes_of_packages_without_a_robot(server: Any, tmp_path: 
         scenes.close()
 
 
+def test_meshes_that_no_marker_has_any_more_make_room(
+    server: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """If there are as many as there may be, one that is not drawn is freed; else it is said."""
+    for name in ("cup", "jug"):
+        (tmp_path / f"{name}.stl").write_bytes(TRIANGLE)
+    cup, jug = (str(tmp_path / f"{name}.stl") for name in ("cup", "jug"))
+    monkeypatch.setattr("tfbus.view.scene.robots._MOST_FOREIGN", 1)
+    log = logging.getLogger("view")
+    scenes = RobotScenes(server.scene, GivenRobots(), log, package_path=[tmp_path])
+    try:
+        eventually(lambda: scenes.mesh_named(cup))
+        assert "more than 1 " in str(scenes.mesh_named(jug, lambda: {cup, jug}))
+        assert not isinstance(eventually(lambda: scenes.mesh_named(jug, lambda: {jug})), str)
+        scenes.look(ViewSettings())
+        assert not isinstance(scenes.mesh_named(jug, lambda: {jug}), str | None)
+    finally:
+        scenes.close()
+
+
 def test_markers_name_files_by_paths_below_the_folders_of_the_user(
     tmp_path: Path, server: Any
 ) -> None:

@@ -1,7 +1,6 @@
 """Recordings that a recorder keeps on its disk, and serves: others fill their gaps from them."""
 
 import math
-import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import NamedTuple
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import BusError, InvalidArgumentException, TfbusError
+from tfbus.base.file_lock import locked
 from tfbus.base.structs import Struct
 from tfbus.base.wording import printable
 from tfbus.bus.query import Query
@@ -74,21 +74,13 @@ def alone_in(folder: Path) -> Iterator[None]:
     if scheduler.is_simulated:  # one process for all: a killed one would hold it
         yield
         return
-    import fcntl  # Windows has none
-
-    held = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        os.close(held)
-        raise TfbusError(
-            f"another recorder keeps its files in '{printable(str(folder))}': give another folder "
-            "(-o), or end that one"
-        ) from error
-    try:
+    with locked(folder, waits=False) as is_alone:
+        if not is_alone:
+            raise TfbusError(
+                f"another recorder keeps its files in '{printable(str(folder))}': give another "
+                "folder (-o), or end that one"
+            )
         yield
-    finally:
-        os.close(held)
 
 
 def kept_files(folder: Path) -> list[Path]:

@@ -94,7 +94,7 @@ class Executor:
         self._lock = scheduler.RLock()
         self._ready: deque[_Task] = deque()
         self._due: list[tuple[float, int, Timer]] = []
-        self._most_due = _LEAST_DUE  # with so many, cancelled timers are taken out
+        self._most_due = _LEAST_DUE  # of this many timers the cancelled ones are taken out
         self._order = itertools.count()
         self._threads: list[scheduler.Thread] = []
         self._workers: list[_Worker] = []

@@ -13,6 +13,7 @@ from collections.abc import Callable, Hashable, Mapping
 from typing import Any
 
 from tfbus.base import scheduler
+from tfbus.base.standard_error import for_stderr
 from tfbus.base.wording import printable
 
 _LEVEL_NAMES = {logging.WARNING: "WARN"}
@@ -105,6 +106,7 @@ class _LineFormatter(logging.Formatter):
         level = _LEVEL_NAMES.get(record.levelno, record.levelname)
         seconds, nanoseconds = divmod(scheduler.time_ns(), 1_000_000_000)
         line = f"[{level}] [{seconds}.{nanoseconds:09}] [{self._node}]: {record.getMessage()}"
+        line = for_stderr(line)
         return f"{line}\n{record.exc_text}" if record.exc_text else line
 
 

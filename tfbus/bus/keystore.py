@@ -8,7 +8,6 @@ import ipaddress
 import os
 import shlex
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -20,6 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from tfbus.base.errors import SettingsError, TfbusError
+from tfbus.base.file_lock import locked
 from tfbus.base.whole_file import replacing, taking_place_of
 from tfbus.base.wording import counted, listed, printable
 from tfbus.bus.identity_folder import (
@@ -308,7 +308,7 @@ class Keystore:
 
     def add(self, identity: Identity, days: float) -> Path:
         """Make an identity; returns its folder. Raises SettingsError if there is one."""
-        with self._alone():
+        with locked(self.path, waits=True):
             known = self.rights.identities
             if identity.name in known or identity.name == AUTHORITY:
                 raise SettingsError(
@@ -331,7 +331,7 @@ class Keystore:
 
     def revoke(self, name: str) -> None:
         """End all rights of an identity, for all that have the new rights."""
-        with self._alone():
+        with locked(self.path, waits=True):
             rights = self.rights
             revoked = replace(rights.identity(name), revoked=f"{datetime.now(UTC):%Y-%m-%d}")
             self.set_rights(Rights({**rights.identities, name: revoked}))
@@ -428,22 +428,6 @@ class Keystore:
                 "as tfbus keys init made them"
             ) from error
         return issued
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Inside the `with` no other process changes the rights, if the system has such locks."""
-        try:
-            import fcntl  # Windows has none
-        except ImportError:
-            yield
-            return
-        held = os.open(self.path, os.O_RDONLY)
-        try:
-            with suppress(OSError):  # as of a folder on another machine
-                fcntl.flock(held, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(held)
 
     def _authority_file(self, name: str) -> Path:
         return self.path / AUTHORITY / name

@@ -16,6 +16,7 @@ from typing import Any
 
 import click
 
+from tfbus.base.standard_error import for_stderr
 from tfbus.base.wording import did_you_mean
 from tfbus.cli.output import sentence
 
@@ -41,6 +42,8 @@ _OF_MANY = {
     "--include-hidden-nodes": "use tfbus node list --all for names that start with _",
 }
 
+
+_ERROR = "Error: "
 
 # More characters than a sentence has.
 _WHOLE = 1000
@@ -206,6 +209,9 @@ class Commands(Verbs):
             raise  # its message is the whole help
         except click.ClickException as error:
             vars(error)["message"] = sentence(error.message)
+            # click puts its word in front.
+            told = for_stderr(f"{_ERROR}{error.format_message()}").removeprefix(_ERROR)
+            vars(error)["format_message"] = lambda: told
             raise
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:

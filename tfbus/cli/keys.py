@@ -11,7 +11,7 @@ import click
 
 from tfbus.base.errors import SettingsError, TfbusError
 from tfbus.base.installation import install_command
-from tfbus.base.wording import listed
+from tfbus.base.wording import listed, printable
 from tfbus.bus.rights import RIGHTS, ROLES, Identity
 from tfbus.cli import Verbs
 from tfbus.cli.output import json_option, paint, print_json, print_lines, print_text, table
@@ -41,7 +41,11 @@ class _Keys(Verbs):
         except TfbusError as error:
             raise click_error(error) from error
         except OSError as error:
-            raise click.ClickException(str(error)) from error
+            raise click.ClickException(
+                f"{printable(str(error.filename))}: {error.strerror or error}"
+                if error.filename
+                else str(error.strerror or error)
+            ) from error
 
 
 @click.group(cls=_Keys, hints={"remove": "use: tfbus keys revoke", "create": "use: tfbus keys add"})

@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 import click
 
 from tfbus.base.json_text import json_text
+from tfbus.base.standard_error import for_stderr
 from tfbus.base.wording import columns, counted, cut, cut_apart, printable
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -151,12 +152,14 @@ def first_lines(lines: list[str], most: int = _MOST_LINES) -> list[str]:
 
 def warn(what: object) -> None:
     """Print to stderr a problem that does not stop the tool."""
-    click.echo(f"{paint('Warning:', 'warning')} {sentence(what)}", err=True)
+    text = for_stderr(f"Warning: {sentence(what)}")
+    click.echo(f"{paint('Warning:', 'warning')}{text.removeprefix('Warning:')}", err=True)
 
 
 def say(what: object) -> None:
     """Print a sentence on the tool's work to stderr, as that it waits for a topic."""
-    click.echo(paint(sentence(what), "faint"), err=True)
+    for line in for_stderr(sentence(what)).split("\n"):
+        click.echo(paint(line, "faint"), err=True)
 
 
 def run_in_shell(option: str, line: str, told: Mapping[str, str]) -> None:
@@ -176,6 +179,11 @@ def paint(text: str, role: str) -> str:
     if not text or os.environ.get("NO_COLOR"):
         return text
     return click.style(text, **_ROLES[role])
+
+
+def with_type(name: str, type_name: str) -> str:
+    """`turtle1/pose [Pose]`."""
+    return f"{name} {paint(f'[{type_name}]', 'type')}"
 
 
 def paint_state(text: str, state: str) -> str:

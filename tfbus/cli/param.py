@@ -26,6 +26,7 @@ from tfbus.cli.output import (
     print_lines,
     print_text,
     warn,
+    with_type,
     yaml_text,
 )
 from tfbus.command.options import bus_options
@@ -70,7 +71,7 @@ def _one_of_ros(name: str) -> Iterator[None]:
 @command.command("list", epilog="Example: tfbus param list sim")
 @click.argument("node", type=NodeName(), required=False)
 @click.option("--filter", "pattern", metavar="REGEX", help="Print only names that contain a match.")
-@click.option("-t", "--param-type", "with_type", is_flag=True, help="Print their types too.")
+@click.option("-t", "--param-type", "show_types", is_flag=True, help="Print their types too.")
 @json_option("Print a JSON object: a list of names for each node.")
 @bag_options("at")
 @bus_options("param")
@@ -79,7 +80,7 @@ def list_command(
     bag: BagChoice | None,
     node: str | None,
     pattern: str | None,
-    with_type: bool,
+    show_types: bool,
     as_json: bool,
 ) -> None:
     """Print the names of the parameters of NODE, or of every node."""
@@ -100,7 +101,7 @@ def list_command(
     for name, parameters in found.items():
         print_text(f"{paint(name, 'name')}:")
         print_lines(
-            f"  {each.name}" + (f" {paint(f'[{each.type}]', 'type')}" if with_type else "")
+            f"  {with_type(each.name, each.type) if show_types else each.name}"
             for each in parameters
         )
 

@@ -41,6 +41,7 @@ from tfbus.cli.output import (
     print_lines,
     print_text,
     warn,
+    with_type,
     yaml_text,
 )
 from tfbus.command.options import bus_options
@@ -335,9 +336,7 @@ def list_command(settings: NodeSettings, show_types: bool, only_count: bool, as_
         print_json([_as_map(service) for service in services])
     else:
         print_lines(
-            f"{service.name} {paint(f'[{types_of(service)}]', 'type')}"
-            if show_types
-            else service.name
+            with_type(service.name, types_of(service)) if show_types else service.name
             for service in services
         )
 

@@ -13,6 +13,7 @@ import click
 
 from tfbus.base.errors import TfbusError
 from tfbus.base.installation import install_command
+from tfbus.base.standard_error import for_stderr
 from tfbus.base.wording import counted, duration, printable
 from tfbus.command.options import Several
 from tfbus.command.types import Moment, MomentType
@@ -218,7 +219,7 @@ def open_recording(*paths: Path, says_damage: bool = True) -> "Iterator[Recordin
         if not reader.end_ns:
             raise TfbusError(_why_empty(reader, printable(str(paths[0])), met))
         for line in _cut_short(reader):
-            click.echo(line, err=True)
+            click.echo(for_stderr(line), err=True)
         if not says_damage:
             yield reader
             return
@@ -234,9 +235,13 @@ _MOST_CUT_SHORT = 3
 
 
 def _cut_short(reader: "RecordingReader") -> "Iterator[str]":
-    """The files that are cut short, and where each ends."""
-    files = [part for part in reader.parts if not part.is_complete]
+    """The files that are being written, or are cut short, and where each ends."""
     of_many = len(reader.parts) > 1
+    for part in reader.parts:
+        if part.is_growing:
+            ends = f"up to {wall(part.end_ns)} so far" if part.end_ns else "nothing is in it yet"
+            yield f"{part.name if of_many else 'The recording'} is being written: {ends}"
+    files = [part for part in reader.parts if not (part.is_complete or part.is_growing)]
     for part in files[:_MOST_CUT_SHORT]:
         what = part.name if of_many else "The recording"
         ends = f"it ends at {wall(part.end_ns)}" if part.end_ns else "nothing is in it"
@@ -245,7 +250,7 @@ def _cut_short(reader: "RecordingReader") -> "Iterator[str]":
     if of_many and files:
         others = len(files) - _MOST_CUT_SHORT
         also = f"so are {others} more; " if others > 0 else ""
-        whole = len(reader.parts) - len(files)
+        whole = sum(part.is_complete for part in reader.parts)
         yield f"{also}{whole} of {len(reader.parts)} files are whole ({_RECOVER})"
 
 
@@ -255,6 +260,8 @@ _RECOVER = "tfbus bag recover writes a whole file"
 def _why_empty(reader: "RecordingReader", name: str, met: "_Damage") -> str:
     if met.found:
         return f"nothing of {name} can be read: {met.found[0][1].reason}"
+    if any(part.is_growing for part in reader.parts):
+        return f"{name} is being written: no message is in it yet"
     if not reader.is_complete:
         return f"{name} is cut short before its first message: nothing is in it"
     return f"{name} is an empty recording: it has no message"
@@ -284,19 +291,20 @@ class _Damage:
         if rest:
             messages = sum(each.messages or 0 for each in rest)
             with_them = f", with {counted(messages, 'message')}" if messages else ""
-            click.echo(
+            self._print(
                 f"{counted(len(rest), 'more part')} of the recording cannot be read: "
-                f"{size_text(sum(each.size for each in rest))}{with_them}",
-                err=True,
+                f"{size_text(sum(each.size for each in rest))}{with_them}"
             )
 
     def _say(self, found: "list[tuple[Part, Damage]]", start_ns: int) -> None:
         for part, damage in found:
-            click.echo(
+            self._print(
                 f"{part.name} is damaged: {damage.text(start_ns)} cannot be read "
-                f"({printable(damage.reason)}); the rest is",
-                err=True,
+                f"({printable(damage.reason)}); the rest is"
             )
+
+    def _print(self, line: str) -> None:
+        click.echo(for_stderr(line), err=True)
 
 
 def wall(stamp_ns: int) -> str:

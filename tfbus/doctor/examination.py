@@ -108,6 +108,7 @@ class RecordedSpan:
 
     start_ns: int
     is_complete: bool
+    is_growing: bool
     restarts: dict[str, list[int]]
     samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
@@ -315,6 +316,7 @@ def examine_recorded(
     span = RecordedSpan(
         start_ns=frames.start_ns,
         is_complete=frames.source.is_complete,
+        is_growing=frames.source.is_growing,
         restarts={name: times for name, times in restarts.items() if times},
         samples=meter.samples(),
         passing=passing.found(),

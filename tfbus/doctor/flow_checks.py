@@ -86,7 +86,8 @@ def check_complete(seen: Examination) -> Finding:
     if span is None:
         return skipped("it needs a recording")
     evidence = []
-    if not span.is_complete:
+    is_cut = not (span.is_complete or span.is_growing)
+    if is_cut:
         evidence.append("it is cut short: the recorder was killed, or its disk was full")
     if span.damage:
         evidence.append(f"it is damaged: {listed(span.damage)} cannot be read")
@@ -99,9 +100,9 @@ def check_complete(seen: Examination) -> Finding:
         "warn",
         evidence,
         "tfbus bag recover writes a whole file of what is there"
-        if not span.is_complete or span.damage
+        if is_cut or span.damage
         else "record less (--exclude), or onto a faster disk",
-        f"{duration(seen.listened_s)}, whole{pauses}",
+        f"{duration(seen.listened_s)}, {'being written' if span.is_growing else 'whole'}{pauses}",
     )
 
 

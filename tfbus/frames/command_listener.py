@@ -79,7 +79,7 @@ class Listening:
         return listed(session.settings.connect) or "a router"
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for so many real seconds; False if the node was shut down."""
+        """Wait for this many real seconds; False if the node was shut down."""
         return self.node.wait(timeout_s, clock=SYSTEM_CLOCK)
 
     def tree(self, *, has_frames: bool = True) -> FrameTree:

@@ -349,7 +349,7 @@ class LiveView(BusView, Protocol):
         """The router without which this process sees nobody, while there is no link to it."""
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for so many real seconds; False if this process is to stop."""
+        """Wait for this many real seconds; False if this process is to stop."""
 
 
 def frame_status(tree: FrameTree, frame: FrameInfo) -> FrameStatus:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 from tfbus.base.errors import DecodeError
+from tfbus.base.file_lock import is_held
 from tfbus.base.wording import printable
 from tfbus.geometry.columns import Columns
 from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
@@ -97,6 +98,8 @@ class Part:
         self.number = number
         self.size = self.file.size
         self.is_complete = self.file.is_complete
+        # Whether a recorder of this host was writing it when it was opened.
+        self.is_growing = not self.is_complete and is_held(self.path)
         self.counts = self.file.counts
         self.stream_channels: dict[int, StreamChannel] = {}
         self.topic_channels: dict[int, TopicChannel] = {}

@@ -253,6 +253,12 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         return all(part.is_complete for part in self._parts)
 
     @property
+    def is_growing(self) -> bool:
+        """Whether a file was being written when it was opened, and none was cut short."""
+        of_incomplete = [part.is_growing for part in self._parts if not part.is_complete]
+        return bool(of_incomplete) and all(of_incomplete)
+
+    @property
     def is_damaged(self) -> bool:
         """Whether some part read so far was unreadable."""
         return any(part.file.damage for part in self._parts)

@@ -117,11 +117,12 @@ class EdgeTable:
 
 @dataclass(frozen=True)
 class FileFacts:
-    """A file of a recording."""
+    """A file of a recording; one that `is_growing` is being written."""
 
     path: str
     size: int
     is_complete: bool
+    is_growing: bool
     damage: tuple[Damage, ...]
 
 
@@ -234,7 +235,13 @@ def summary_of(reader: "RecordingReader") -> Summary:
     flows = _flows(reader)
     return Summary(
         tuple(
-            FileFacts(str(part.path), part.size, part.is_complete, tuple(united(part.file.damage)))
+            FileFacts(
+                str(part.path),
+                part.size,
+                part.is_complete,
+                part.is_growing,
+                tuple(united(part.file.damage)),
+            )
             for part in reader.parts
         ),
         reader.start_ns,

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.file_lock import hold
 from tfbus.base.installation import installed_version
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
@@ -71,6 +72,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
             )
         self._path = os.fspath(path)
         self._file = open(path, "xb")  # noqa: SIM115 - closed by close
+        hold(self._file)  # readers know by it that the file grows
         self._has_failed = False
         # Chunks end as `_end_chunk` says.
         self._mcap = Writer(

@@ -49,7 +49,8 @@ class Ros1Master:
     def __init__(self, uri: str, caller: str, within_s: float = 2.0) -> None:
         try:
             parts = urlsplit(uri)
-            is_one = parts.scheme == "http" and bool(parts.hostname) and parts.port != 0
+            host = parts.hostname or ""
+            is_one = parts.scheme == "http" and parts.port != 0 and _may_be_a_host(host)
         except ValueError:
             is_one = False
         if not is_one:
@@ -81,6 +82,13 @@ class Ros1Master:
         except (TypeError, ValueError) as error:
             raise OSError(f"it does not answer as a master of ROS 1 does: {error}") from error
         return Ros1State(first, second, third)
+
+
+def _may_be_a_host(name: str) -> bool:
+    """Whether a master may have this host name. Raises UnicodeError, a ValueError, where Python
+    looks up no address of it: a part is empty or too long.
+    """
+    return bool(name.encode("idna")) and " " not in name and name.isprintable()
 
 
 class _Transport(Transport):

@@ -378,7 +378,7 @@ class Conflicts:
             for sender in self._known(sorted(senders.keys() - {name})):
                 unlisted = senders[sender.name] - sender.facts.listing.children
                 if unlisted:
-                    stream.contest.inherit(unlisted, sender.name)
+                    self._buffer.disown(sender.name, unlisted)
                     stream.statics.apply(unlisted)
 
     def claimed_by_others(self, name: str, children: frozenset[str]) -> frozenset[str]:
@@ -395,7 +395,7 @@ class Conflicts:
         listed = [each.facts.listing.children for each in self._known([name])]
         for each in self._known(each for each in resolutions if each != name):
             accepted = resolutions[each.name].accepted
-            each.contest.inherit(accepted.difference(*listed), name)
+            self._buffer.disown(name, accepted.difference(*listed))
             each.statics.apply(accepted)
 
     def _report(self, conflict: Conflict) -> None:

@@ -156,6 +156,8 @@ def _as_map(summary: Summary) -> dict[str, Any]:
 def _head(summary: Summary) -> Iterator[str]:
     for file in summary.files:
         state = paint("complete", "good") if file.is_complete else paint("cut short", "warning")
+        if file.is_growing:
+            state = "being written"
         if file.damage and file.is_complete:
             state = paint("damaged", "bad")
         elif file.damage:

@@ -45,6 +45,7 @@ from tfbus.cli.output import (
     say,
     table,
     warn,
+    with_type,
 )
 from tfbus.cli.topic.echo import echo_command
 from tfbus.cli.topic.measure import bw_command, delay_command, hz_command
@@ -136,9 +137,7 @@ def _list_recorded(
         print_lines(table(("topic", "type", "messages"), rows, right=(2,)))
     else:
         print_lines(
-            f"{each.name} {paint(f'[{shown_type(each.type)}]', 'type')}"
-            if show_types
-            else each.name
+            with_type(each.name, shown_type(each.type)) if show_types else each.name
             for each in topics
         )
 
@@ -270,7 +269,7 @@ def _types(topic: TopicInfo) -> str:
 
 
 def _named(topic: TopicInfo) -> str:
-    return f"{topic.name} {paint(f'[{_types(topic)}]', 'type')}"
+    return with_type(topic.name, _types(topic))
 
 
 def _line(topic: TopicInfo, count: int, side: str) -> str:

@@ -226,7 +226,7 @@ body:has(.tf-aim) .mantine-Notification-root { pointer-events: none !important; 
 """
 
 # The overlay lies on the canvas, so that the camera stays where it is; the arrow on it is the
-# browser's own, and waits for no link. The buttons are there while their tab is open, keys always.
+# browser's own, and waits for no link. Keys work always, but the buttons come with their tab.
 _SCRIPT = """
 window.tfbusTool = (name) => {
   const same = window.tfbusAim === name;
@@ -252,9 +252,11 @@ window.tfbusTool = (name) => {
   const key = (event) => { if (event.key === 'Escape') stop(); };
   const press = (pressed) => document.querySelector(`[data-tool=${name}]`)
     ?.setAttribute('aria-pressed', pressed);
+  const comes = new MutationObserver(() => press(true));
   const stop = () => {
     window.tfbusAim = window.tfbusAimStop = null;
     cover.remove();
+    comes.disconnect();
     document.removeEventListener('keydown', key);
     press(false);
   };
@@ -279,6 +281,7 @@ window.tfbusTool = (name) => {
   cover.oncontextmenu = (event) => { event.preventDefault(); stop(); };
   document.addEventListener('keydown', key);
   press(true);
+  comes.observe(document.body, {childList: true, subtree: true});
   canvas.parentElement.append(cover);
   window.tfbusAim = name;
   window.tfbusAimStop = stop;

@@ -25,9 +25,8 @@ from tfbus.view.data.layer import TopicLayer
 from tfbus.view.data.shapes import Text
 from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
 from tfbus.view.frames import Floats, Frames
-from tfbus.view.meshes.loader import ReadMesh
 from tfbus.view.scene.camera import Ray
-from tfbus.view.scene.items import DrawnItems, NotDrawnError, some_points, way_to
+from tfbus.view.scene.items import DrawnItems, MeshNamed, NotDrawnError, some_points, way_to
 from tfbus.view.settings import TopicSettings, ViewSettings
 
 _PERIOD_S = 1.0 / 30.0
@@ -52,9 +51,8 @@ class DataScenes:
     """Draws the topics of a bus that have their box ticked, while a browser is there.
 
     `topics` can be drawn, `layers` are the drawings of the wanted ones;
-    `ever_drawn` topics had something in the scene. Pictures
-    of the panel are set by this thread too: `show_picture[topic](picture)`. `mesh_named(name)` is
-    the mesh of a file of a robot, why there is none, or None while it is loaded.
+    `ever_drawn` topics had something in the scene. Pictures of the panel are set by this thread
+    too: `show_picture[topic](picture)`. `mesh_named` is that of DrawnItems.
     """
 
     def __init__(
@@ -62,7 +60,7 @@ class DataScenes:
         server: viser.ViserServer,
         source: DataSource,
         log: logging.Logger,
-        mesh_named: Callable[[str], ReadMesh | str | None] = lambda name: "there is no robot",
+        mesh_named: MeshNamed = lambda name, drawn: "there is no robot",
     ) -> None:
         self._server = server
         self._source = source

@@ -1,7 +1,7 @@
 """Shapes in the browser: drawn, changed in place and removed, and met by a ray."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
 from typing import Any
@@ -52,16 +52,17 @@ class NotDrawnError(ValueError):
     """A message asks for something that is not drawn; the text names it."""
 
 
+MeshNamed = Callable[[str, Callable[[], Collection[str]]], ReadMesh | str | None]
+
+
 class DrawnItems:
     """The items of messages in the scene, by their places; for one thread.
 
-    `mesh_named(name)` is the mesh of a file of a robot, why there is none, or None while it is
-    loaded.
+    `mesh_named(name, drawn)` is the mesh of a file, why there is none, or None while it is loaded;
+    `drawn()` are the names of all that are drawn.
     """
 
-    def __init__(
-        self, server: viser.ViserServer, mesh_named: Callable[[str], ReadMesh | str | None]
-    ) -> None:
+    def __init__(self, server: viser.ViserServer, mesh_named: MeshNamed) -> None:
         self._server = server
         self._mesh_named = mesh_named
         self._drawn: dict[Place, _DrawnItem] = {}
@@ -88,6 +89,11 @@ class DrawnItems:
         if (ended := self._drawn.pop(at, None)) is not None:
             for handle in (*ended.handles, ended.node):
                 handle.remove()
+
+    def _meshes(self) -> set[str]:
+        """The names of the mesh files of all items."""
+        shapes = (shape for each in self._drawn.values() for shape in each.placed.item.shapes)
+        return {shape.name for shape in shapes if isinstance(shape, MeshFromFile)}
 
     def _drawn_as(self, at: Place, placed: PlacedItem, size: float) -> _DrawnItem:
         drawn = self._drawn.get(at)
@@ -127,7 +133,7 @@ class DrawnItems:
             at = len(made)
             before = there[at] if at < len(there) else None
             if isinstance(shape, MeshFromFile):
-                mesh = self._mesh_named(shape.name)
+                mesh = self._mesh_named(shape.name, self._meshes)
                 if isinstance(mesh, str):
                     raise NotDrawnError(f"mesh {printable(shape.name)}: {mesh}")
                 made += [] if mesh is None else [_mesh(self._scene, f"{path}/{at}", shape, mesh)]

@@ -389,6 +389,7 @@ class RobotScenes:
         self._still: dict[ShownRobot, Placed] = {}
         # Of markers, by the names of their files.
         self._foreign: dict[str, MeshSource] = {}
+        self._has_freed = False
 
     @property
     def robots(self) -> Collection[ShownRobot]:
@@ -409,6 +410,10 @@ class RobotScenes:
         if is_new:
             self._replace(found)
             self._log_mistakes()
+        if is_new or self._has_freed:
+            self._has_freed = False
+            used = {source for scene in self.by_robot.values() for source in scene.sources}
+            self._loader.keep(used | set(self._foreign.copy().values()))
         if is_new or settings is not self._settings:
             self._settings = settings
             for robot, scene in self.by_robot.items():
@@ -424,8 +429,6 @@ class RobotScenes:
                 path = f"{FIXED_NODE}/robots/{self._count}"
                 self.by_robot[robot] = RobotScene(self._scene, path, robot, self._loader)
         self.by_robot = {robot: self.by_robot[robot] for robot in found}
-        used = {source for scene in self.by_robot.values() for source in scene.sources}
-        self._loader.keep(used | set(self._foreign.copy().values()))
 
     def take_meshes(self) -> bool:
         """Draw meshes that have come; whether there were any."""
@@ -434,10 +437,12 @@ class RobotScenes:
             self._log_mistakes()
         return taken
 
-    def mesh_named(self, name: str) -> ReadMesh | str | None:
+    def mesh_named(
+        self, name: str, drawn: Callable[[], Collection[str]] = frozenset
+    ) -> ReadMesh | str | None:
         """The mesh of a file that a marker names, why there is none, or None while it is loaded:
         one that a robot in the scene has, or that lies in a package on this machine, or whose path
-        is below a folder of the package path.
+        is below a folder of the package path. If there are too many, all but the `drawn` are freed.
         """
         source = self._foreign.get(name)
         if source is None:
@@ -445,10 +450,18 @@ class RobotScenes:
             if isinstance(found, str):
                 return found
             if len(self._foreign) >= _MOST_FOREIGN:
+                self._free(self._foreign.keys() - drawn())
+            if len(self._foreign) >= _MOST_FOREIGN:
                 return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
             source = self._foreign[name] = found
             self._loader.load(source, "markers")
         return self._loader.found(source)
+
+    def _free(self, names: Collection[str]) -> None:
+        for name in names:
+            del self._foreign[name]
+        # The loader forgets them with the next look, on the thread that adds robots.
+        self._has_freed = True
 
     def _source_named(self, name: str) -> MeshSource | str:
         meshes: list[tuple[ShownRobot, Mesh]] = []

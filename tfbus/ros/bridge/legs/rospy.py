@@ -97,7 +97,8 @@ def _wait_for_master(client: Ros1Master, master: str, log: logging.Logger) -> No
             return
         except OSError as error:
             if not said:
-                log.warning("Waiting for the ROS master at %s (%s)", master, error)
+                why = error.strerror or error
+                log.warning("Waiting for the ROS master at %s (%s)", master, why)
             said = True
         time.sleep(_POLL_EVERY_S / 2)
 

@@ -485,13 +485,15 @@ class Laws:
 
 
 def _are_lanes_calm(one: Process, other: Process) -> bool:
-    """Whether little is still under way of what was sent before: all else waits behind it."""
+    """Whether both read what comes, and little is still under way of what was sent before: all
+    else waits behind it.
+    """
     for session in one.sessions:
         for far in other.sessions:
             face = session.faces.get(far)
-            lanes = () if face is None else (face.lane, face.far.lane)
-            if any(lane.busy_s() >= _CALM_DELAY_S for lane in lanes):
-                return False
+            for each in () if face is None else (face, face.far):
+                if each.is_deaf or each.lane.busy_s() >= _CALM_DELAY_S:
+                    return False
     return True
 
 

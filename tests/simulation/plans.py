@@ -78,6 +78,8 @@ _FAULTS = {
     "short_queries": (0.25, 0.1),
     "endless_queries": (0.25, 0.1),
 }
+# Drawn apart, as it came later.
+_DEAF_LINKS = (0.25, 0.2)
 _CLOCK_STEPS_S = (0.4, 3.0, 30.0, 90.0, 4000.0)
 
 
@@ -129,6 +131,8 @@ class Plan:
         apart = random.Random(f"{seed}, removed")
         if size is SMALL and apart.random() < 0.3:
             found += _joins_as_one_removes(apart, senders, readers, size.seconds)
+        apart = random.Random(f"{seed}, deaf")
+        deaf = _DEAF_LINKS[1] * apart.random() if apart.random() < _DEAF_LINKS[0] else 0.0
         return cls(
             seed,
             size,
@@ -141,7 +145,8 @@ class Plan:
                 (fault, round(share * draw.random(), 3))
                 for fault, (chance, share) in _FAULTS.items()
                 if draw.random() < chance
-            ),
+            )
+            + ((("deaf_links", round(deaf, 3)),) if deaf else ()),
             stalls=draw.choice((0.0, 0.0, 0.001, 0.01)),
             rule=draw.choice(("first", "priority")),
         )

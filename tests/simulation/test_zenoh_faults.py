@@ -1,5 +1,6 @@
 """Faults of Zenoh's, among them declarations that a link loses for good."""
 
+import logging
 from collections.abc import Callable
 from typing import Any
 
@@ -48,6 +49,61 @@ def test_a_half_link_hides_one_end_until_it_is_ended(
     assert a.living("t/*") == ["t/a"]
     assert b.living("t/*") == ["t/a", "t/b"]
     a.expect("living", "t/*", gives=["t/a", "t/b"])
+
+
+def test_one_end_of_a_deaf_link_knows_nothing_until_it_is_ended(
+    network: Network, stage: SimulatedStage
+) -> None:
+    """The other end knows its token; some leases later it is linked anew, and knows it too."""
+    network.faults.deaf_links = 1.0
+    a, b = stage.open("a", "h1"), stage.open("b", "h2")
+    a.token("t/a")
+    b.token("t/b")
+    network.run(1.0)
+    known = [a.living("t/*"), b.living("t/*")]
+    assert sorted(map(len, known)) == [1, 2]
+    network.faults.deaf_links = 0.0
+    a.expect("living", "t/*", gives=["t/a", "t/b"])
+    b.expect("living", "t/*", gives=["t/a", "t/b"])
+
+
+def _node(name: str, mode: str) -> tfbus.Node:
+    connect = ("tcp/h1:7447",) if mode == "client" else ()
+    return tfbus.Node(settings=tfbus.NodeSettings(name, mode=mode, connect=connect))
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+@pytest.mark.parametrize("seed", range(4))
+def test_no_static_is_lost_by_a_deaf_link(seed: int, mode: str) -> None:
+    """Whichever end reads nothing, a listener has the statics of before and of meanwhile once the
+    link was ended, and those of later.
+    """
+    with Network(seed) as network:
+        network.host("h2")
+        if mode == "client":
+            with network.process(network.host("h1"), "router"):
+                router = tfbus.NodeSettings("router", mode="router", listen="tcp/[::]:7447")
+                Session(router, logging.getLogger("router"))
+        with network.process("h2", "listener"):
+            buffer = tfbus.Buffer()
+            tfbus.TransformListener(buffer, _node("listener", mode))
+        network.faults.deaf_links = 1.0
+        with network.process(network.host("h3"), "sim"):
+            node = _node("sim", mode)
+            static = tfbus.StaticTransformBroadcaster(node)
+
+            def send(child: str) -> None:
+                here = tfbus.Transform((1.0, 0.0, 0.0))
+                static.send_transform(tfbus.TransformStamped(node.now_ns(), "world", child, here))
+
+            send("before")
+            network.run(2.0)
+            send("meanwhile")
+            assert not {"before", "meanwhile"} <= set(buffer.frames())
+            network.faults.deaf_links = 0.0
+            network.run(until=lambda: {"before", "meanwhile"} <= set(buffer.frames()))
+            send("later")
+            network.run(until=lambda: "later" in buffer.frames())
 
 
 def test_a_late_token_comes_after_messages(network: Network, stage: SimulatedStage) -> None:

@@ -196,6 +196,11 @@ class Links:
         """The links that are open."""
         return {link for each in self._connections.values() for link in each.links}
 
+    def beside(self, links: set[LinkEnds]) -> set[LinkEnds]:
+        """All links of the connections that have one of these."""
+        each_of = self._connections.values()
+        return {link for each in each_of if each.links & links for link in each.links}
+
     def keep_only(self, zids: set[str]) -> None:
         """Forget connections other than Zenoh's, which have these ids."""
         for zid in self._connections.keys() - zids:

@@ -25,6 +25,7 @@ from tfbus.base.addresses import NetworkWatch, is_local
 from tfbus.base.wording import listed
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import direct
+from tfbus.bus.deaf_links import DeafLinks
 from tfbus.bus.links import LinkEnds, Links, host_of, split_endpoint
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.scouting import Place, ScoutAnswers, Scouting, Scouts, places, places_at_start
@@ -39,6 +40,7 @@ from tfbus.bus.zenoh_sockets import (
     end_links,
     fit_to_losses,
     hold_back,
+    received_by,
     shorten_close,
 )
 
@@ -79,6 +81,7 @@ class Neighbours:
         self._closing = scheduler.Event()
         self._places = places_at_start() if not self._only else places(self._only)
         self._links = Links(lease_s)
+        self._deaf = DeafLinks(lease_s)
         self._network = network
         self._datagram_ports = tuple(datagram_ports)
         self._admitted: tuple[set[str], set[str]] | None = None
@@ -166,15 +169,17 @@ class Neighbours:
             self._update()
         if self._admit_again_s is not None and scheduler.monotonic() >= self._admit_again_s:
             self._update_links()
+        if (look_s := self._deaf.next_s) is not None and scheduler.monotonic() >= look_s:
+            self._end_deaf_links()
         if self._scouts is not None and self._scouts.is_due():
             self._scouts.scout(self._places, for_good=self._has_changed)
 
     def _timeout_ms(self) -> float | None:
         pauses = [] if self._watch.polled_s is None else [self._watch.polled_s]
-        if self._scouts is not None and self._scouts.next_s is not None:
-            pauses.append(max(self._scouts.next_s - scheduler.monotonic(), 0.0))
-        if self._admit_again_s is not None:
-            pauses.append(max(self._admit_again_s - scheduler.monotonic(), 0.0))
+        scout_s = None if self._scouts is None else self._scouts.next_s
+        for at_s in (scout_s, self._admit_again_s, self._deaf.next_s):
+            if at_s is not None:
+                pauses.append(max(at_s - scheduler.monotonic(), 0.0))
         return 1e3 * min(pauses) if pauses else None
 
     def _take_wake(self) -> None:
@@ -208,6 +213,7 @@ class Neighbours:
             self._scouts.note_lost(changes.lost)
         if changes.new:
             shorten_close(_ends(changes.new))
+            self._deaf.watch(_ends(changes.new))
             # Within a host TCP holds nothing up, and smaller pieces cost both ends CPU.
             beyond = {link for link in changes.new if not is_local(host_of(link.dst))}
             hold_back(_ends(beyond), self._network.unsent_bytes)
@@ -228,6 +234,20 @@ class Neighbours:
         missed = {host for host in lost if not is_local(host)}
         if changes.half or (changes.lost and not self._links) or missed - known:
             self._begin_scouting()
+
+    def _end_deaf_links(self) -> None:
+        """End the connections of links that are never read: Zenoh then opens them anew."""
+        deaf = self._deaf.look(received_by(self._deaf.links))
+        if not deaf:
+            return
+        ending = {link for link in self._links.all() if _ends([link]) <= deaf}
+        end_links(deaf | _ends(self._links.beside(ending)))
+        self._begin_scouting()
+        if self._log is not None:
+            self._log.warning(
+                "Nothing that came by the link to %s was read since it was opened: opening it anew",
+                listed(sorted(far for _, far in deaf)),
+            )
 
     def _admit(self) -> None:
         """Take datagrams from hosts with another link alone; the kernel may refuse that, and is

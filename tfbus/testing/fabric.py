@@ -35,6 +35,7 @@ class Faults:
       (eclipse-zenoh/zenoh-python#277).
     - `endless_queries`: the end of a query never comes, so that it ends by its timeout
       (eclipse-zenoh/zenoh#2454).
+    - `deaf_links`: one end of a new link reads nothing, for four leases; then tfbus ends it.
     """
 
     lost_declarations: float = 0.0
@@ -43,6 +44,7 @@ class Faults:
     repeated_tokens: float = 0.0
     short_queries: float = 0.0
     endless_queries: float = 0.0
+    deaf_links: float = 0.0
 
 
 # A peer meets others within this time, and one that it has lost within the longer one.
@@ -57,6 +59,10 @@ _LATE_TOKEN_S = 1.0
 
 # One that links again before the other has noticed that it was lost does it within this time.
 _TOO_SOON_S = 0.3
+
+# A link whose end reads nothing of it is ended after this time: three leases after a look that
+# finds unread bytes, the first of which comes a lease after the link.
+_DEAF_FOR_S = 4.0 * LEASE_S
 
 
 class Fabric:
@@ -276,6 +282,8 @@ class Fabric:
         for face, is_unaware in zip(faces, unaware, strict=True):
             if not is_unaware:
                 face.session.greet(face)
+        if self._happens(self._faults.deaf_links):
+            self._deafen(self.tasks.random.choice(faces))
         self._meeting.note_link(one, other)
         for session in (one, other):
             # Each may be introduced now to the sessions that the other knows.
@@ -295,10 +303,18 @@ class Fabric:
         face.continue_of(stale)
         session.faces[face.far_session] = face
         # Tfbus ends the connection, for both: no half link follows from that.
-        self.tasks.call_after(
-            LEASE_S, lambda: session.process.receive(lambda: self.lose(face, is_ended=True))
-        )
+        self._end_later(face, LEASE_S)
         return True
+
+    def _deafen(self, face: Face) -> None:
+        """Let this end of a link read nothing, until tfbus ends it."""
+        face.is_deaf = True
+        self._end_later(face, _DEAF_FOR_S)
+
+    def _end_later(self, face: Face, after_s: float) -> None:
+        """End a connection at this end, as tfbus does."""
+        receive = face.session.process.receive
+        self.tasks.call_after(after_s, lambda: receive(lambda: self.lose(face, is_ended=True)))
 
     # Who is lost
 

@@ -224,6 +224,8 @@ class Face:
         self.number = next(_numbers)
         self.far: Face
         self.is_open = True
+        # Whether it reads nothing of what comes.
+        self.is_deaf = False
         self._has_lost = False
         # Declarations of the far end, by kind.
         self.declared = {kind: Keys() for kind in KINDS}
@@ -253,7 +255,7 @@ class Face:
         far = self.far
 
         def arrive() -> None:
-            if far.is_open:
+            if far.is_open and not far.is_deaf:
                 call(far)
 
         self.lane.send(lambda: far.session.process.receive(arrive), size, is_urgent=is_urgent)

@@ -18,7 +18,16 @@ from tfbus import (
 )
 
 WITHIN_S = 20.0
-HEAVY = ("numpy", "asyncio", "yaml", "importlib.metadata", "click", "email", "tempfile")
+HEAVY = (
+    "numpy",
+    "asyncio",
+    "yaml",
+    "importlib.metadata",
+    "click",
+    "email",
+    "tempfile",
+    "unicodedata",
+)
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 import re
 import textwrap
-import unicodedata
 from collections.abc import Collection, Iterable
 
 # Of a longer list only the first are named; fewer if they are quoted.
@@ -139,6 +138,9 @@ def _fitting(text: str, room: int) -> str:
 
 
 def _columns_of(letter: str) -> int:
+    # Every process imports this module, and few print a table.
+    import unicodedata
+
     if unicodedata.category(letter) in ("Mn", "Me"):
         return 0
     return 2 if unicodedata.east_asian_width(letter) in "WF" else 1

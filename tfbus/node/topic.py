@@ -15,7 +15,6 @@ from tfbus.bus.network_session import BytesPublisher, BytesSubscriber
 from tfbus.bus.session import Session
 from tfbus.node.endpoint import Lane, NodeEndpoint
 from tfbus.wire.codec import is_of_ros, type_name
-from tfbus.wire.forms import Decoder, Encoder
 
 M = TypeVar("M")
 
@@ -34,6 +33,9 @@ class Publisher(NodeEndpoint, Generic[M]):
     def __init__(
         self, session: Session, message_type: type[M], topic: str, *, retained: bool = False
     ):
+        # A node alone, as of a listener, has no messages of its own.
+        from tfbus.wire.forms import Encoder
+
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
         self._encode = Encoder(message_type).encode
@@ -123,6 +125,8 @@ class Subscription(NodeEndpoint, Generic[M]):
         signals: StopSignals,
         retained: bool = False,
     ):
+        from tfbus.wire.forms import Decoder
+
         super().__init__(topic, message_type, retained=retained)
         self.message_type = message_type
         self._decode = Decoder(message_type).decode

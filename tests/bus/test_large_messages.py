@@ -1,13 +1,14 @@
 """Large messages of topics on a network that carries few of them."""
 
+import numpy as np
 import pytest
 
 from tests.buses import eventually
 from tests.simulated_bus import Bus
 from tfbus.messages import Image
 
-RAW = Image(1, "camera", 480, 640, "rgb8", 0, 1920, bytes(921_600))
-SMALL = Image(1, "camera", 48, 64, "rgb8", 0, 192, bytes(9_216))
+RAW = Image(1, "camera", 480, 640, "rgb8", 0, 1920, np.zeros(921_600, np.uint8))
+SMALL = Image(1, "camera", 48, 64, "rgb8", 0, 192, np.zeros(9_216, np.uint8))
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ def locked(folder: Path, *, waits: bool) -> Iterator[bool]:
 
 
 def hold(file: BinaryIO) -> None:
-    """Hold the lock of a new file until it is closed."""
-    _lock(file.fileno(), "LOCK_EX", waits=True)
+    """Hold the lock of an open file until it is closed, unless somebody else has it."""
+    _lock(file.fileno(), "LOCK_EX", waits=False)
 
 
 def is_held(path: Path) -> bool:

@@ -701,6 +701,72 @@ def all_tokens_end_with_the_router(stage: Stage) -> None:
     b.expects("seen", "+t", "-t")
 
 
+def _sites(stage: Stage):
+    """A hub, and two sites: the router of each joins the hub as a client, and has one itself."""
+    hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    sites, clients = [], []
+    for host in ("h1", "h2"):
+        site = {"mode": "client", "listen": "tcp/[::]:7447", "connect": stage.address("h3")}
+        sites.append(stage.open(f"site_{host}", host, **site))
+        clients.append(
+            stage.open(f"robot_{host}", host, mode="client", connect=stage.address(host))
+        )
+    return hub, sites, clients
+
+
+@scenario
+def a_message_crosses_the_hub_of_two_sites(stage: Stage) -> None:
+    _, _, (a, b) = _sites(stage)
+    _subscribe(a, b)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+
+
+@scenario
+def a_query_crosses_the_hub_of_two_sites(stage: Stage) -> None:
+    _, _, (a, b) = _sites(stage)
+    a.queryable("q", "q", "yes")
+    b.expect("ask", "q", gives=["q=yes"])
+
+
+@scenario
+def a_retained_message_crosses_the_hub_of_two_sites(stage: Stage) -> None:
+    _, _, (a, b) = _sites(stage)
+    a.retained_publisher("k")
+    a.put("k", "1")
+    b.retained_subscriber("in", "k")
+    b.expects("in", "k=1")
+
+
+@scenario
+def tokens_of_a_site_end_with_its_hub_for_others_alone(stage: Stage) -> None:
+    hub, (site, _), (a, b) = _sites(stage)
+    _show_token(a, b)
+    site.watch("near", "t")
+    site.expects("near", "+t")
+    hub.kill()
+    b.expects("seen", "+t", "-t")
+    assert site.events("near") == ["+t"]
+
+
+@scenario
+def a_site_declares_its_tokens_to_a_hub_that_is_back(stage: Stage) -> None:
+    hub, _, (a, b) = _sites(stage)
+    _show_token(a, b)
+    hub.kill()
+    b.expects("seen", "+t", "-t")
+    stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def tokens_end_with_the_router_of_their_site(stage: Stage) -> None:
+    _, (site, _), (a, b) = _sites(stage)
+    _show_token(a, b)
+    site.kill()
+    b.expects("seen", "+t", "-t")
+
+
 def _line(stage: Stage, *, is_mesh: bool = False):
     """A router on each host, the second linked to the others; a client at the first and last."""
     r2 = stage.open("r2", "h2", mode="router", listen="tcp/[::]:7447")

@@ -45,7 +45,10 @@ _PORT = 7447
 
 
 class Mesh:
-    """Routers on hosts of their own, each with a client; some of them have links to each other."""
+    """Routers on hosts of their own, each with a client; some of them have links to each other.
+
+    Some of those with one link are routers of a site, to which the other one is a hub.
+    """
 
     def __init__(self, network: Network, draw: random.Random) -> None:
         self.network, self._draw = network, draw
@@ -55,6 +58,12 @@ class Mesh:
         self._links = {
             number: {draw.randrange(number)} | {n for n in range(number) if draw.random() < 0.3}
             for number in range(1, count)
+        }
+        linked = [other for links in self._links.values() for other in links]
+        self._sites = {
+            number
+            for number, links in self._links.items()
+            if len(links) == 1 and number not in linked and draw.random() < 0.5
         }
         self._routers: dict[int, Process] = {}
         self._actors: dict[int, tuple[Process, Actor]] = {}
@@ -67,7 +76,8 @@ class Mesh:
 
     def _start_router(self, number: int) -> None:
         peers = [f"tcp/{self._hosts[other]}:{_PORT}" for other in self._links.get(number, ())]
-        options = {"mode": "router", "listen": f"tcp/[::]:{_PORT}", "connect": peers}
+        mode = "client" if number in self._sites else "router"
+        options = {"mode": mode, "listen": f"tcp/[::]:{_PORT}", "connect": peers}
         with self.network.process(self._hosts[number], "router") as process:
             Actor(f"r{number}", options)
         self._routers[number] = process
@@ -91,6 +101,8 @@ class Mesh:
         if kind == "router":
             network.kill(self._routers[number])
             network.run(self._draw.uniform(0.0, 3.0))
+            if number in self._sites:
+                network.heal()  # it waits for its hub
             self._start_router(number)
         elif kind == "client" and not self._routers[number].is_stopped:
             network.kill(self._actors[number][0])

@@ -112,9 +112,11 @@ class Fabric:
         self._sessions[session] = None
         self._meet_others(session, _MEETS_WITHIN_S)
         deadline_ns = self.tasks.now_ns + round(_OPENS_ALONE_S * 1e9)
-        while not session.faces and self.tasks.now_ns < deadline_ns:
+        is_client = session.mode == "client"
+        has_met = partial(self._meeting.has_router, session) if is_client else session.faces.__len__
+        while not has_met() and self.tasks.now_ns < deadline_ns:
             self.tasks.wait("others on the network", 0.02)
-        if session.mode == "client" and not session.faces:
+        if is_client and not has_met():
             self._sessions.pop(session, None)
             raise zenoh.ZError("Unable to connect to any of the routers")
         return session

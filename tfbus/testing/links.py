@@ -307,10 +307,10 @@ _ANY = ("::", "0.0.0.0")
 class Meeting:
     """Says how two sessions find each other, on the paths of a network.
 
-    A peer links to all peers and routers that it finds, a client to one router at a time, a router
-    to the endpoints in `connect`. A peer finds others by multicast, or introduced by a session that
-    both have a link to; each introduces two others once. Links to clients of peers are not
-    simulated.
+    A peer links to all peers and routers that it finds, a client to one router at a time, or to
+    another client that listens (`tfbus router --hub`), a router to the endpoints in `connect`. A
+    peer finds others by multicast, or introduced by a session that both have a link to; each
+    introduces two others once. Links to clients of peers are not simulated.
     """
 
     def __init__(self, paths: "Paths") -> None:
@@ -322,7 +322,7 @@ class Meeting:
     def protocol(self, one: "ZenohSession", other: "ZenohSession") -> str:
         """The protocol of the link that two sessions make; "" if neither looks for the other."""
         if "client" in (one.mode, other.mode):
-            return self._of_client(*((one, other) if one.mode == "client" else (other, one)))
+            return self._of_client(one, other) or self._of_client(other, one)
         named = _named(one, other) or _named(other, one)
         if named:
             return named
@@ -332,11 +332,17 @@ class Meeting:
         return (_found_at(other, one) or _found_at(one, other)) if is_found else ""
 
     def _of_client(self, client: "ZenohSession", other: "ZenohSession") -> str:
-        if other.mode != "router" or client.faces:
+        if client.mode != "client" or self.has_router(client):
             return ""
         if client.connect:
-            return _named(client, other)
-        return _found_at(other, client) if self._is_multicast(client, other) else ""
+            takes_clients = other.mode == "router" or (other.mode == "client" and other.listen)
+            return _named(client, other) if takes_clients else ""
+        is_found = other.mode == "router" and self._is_multicast(client, other)
+        return _found_at(other, client) if is_found else ""
+
+    def has_router(self, client: "ZenohSession") -> bool:
+        """Whether a client has a link beside those of its own clients, if it listens for some."""
+        return any(not client.listen or bool(_named(client, far)) for far in client.faces)
 
     def _is_multicast(self, one: "ZenohSession", other: "ZenohSession") -> bool:
         paths = self._paths.both_ways(one.process.host, other.process.host)

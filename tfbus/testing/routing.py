@@ -162,6 +162,9 @@ class Router(Direct):
             return
         if _is_peer(face):
             self._publish("peer", face.far_session.zid_text, is_new=True)
+        self._greet_leaf(face)
+
+    def _greet_leaf(self, face: "Face") -> None:
         own = self._session.declarations.own
         face.tell_all(
             (kind, key, own[kind][key] if source is self._session else 1)
@@ -352,6 +355,32 @@ class Router(Direct):
         return self._tables[zid].wants(kind, full) or any(
             self._wants_below(tree, child, kind, full) for child in tree[zid]
         )
+
+
+class Gateway(Router):
+    """The routing of a client that listens, as the router of a site has it: its own clients are
+    leaves, and so is its router, to which it is a client that declares all that they do.
+    """
+
+    def greet(self, face: "Face") -> None:
+        """Tell the far end of a new face all that it has to know."""
+        self._greet_leaf(face)
+
+    def part(self, face: "Face") -> None:
+        """A face has ended."""
+
+    def _leaves(self) -> "list[Face]":
+        return list(self._session.faces.values())
+
+    def _router_faces(self) -> "list[Face]":
+        return []
+
+
+def routing_of(session: "ZenohSession") -> Direct:
+    """The routing of a session of its mode."""
+    if session.mode == "router":
+        return Router(session)
+    return Gateway(session) if session.mode == "client" and session.listen else Direct(session)
 
 
 def _rank(zid: str) -> bytes:

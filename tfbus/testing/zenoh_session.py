@@ -19,7 +19,7 @@ from tfbus.testing.declarations import Declarations, Liveliness, SessionNames, T
 from tfbus.testing.links import Face
 from tfbus.testing.publications import Matchings, Publications, Publisher, Querier, SentMessage
 from tfbus.testing.queries import Cancellation, Queries
-from tfbus.testing.routing import Direct, Router
+from tfbus.testing.routing import routing_of
 from tfbus.testing.tasks import SimulationOver, Tasks
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ class ZenohSession:
         self.looks_for: set[ZenohSession] = set()
         self.callers = Callers(self.tasks, process, "zenoh")
         self.declarations = Declarations(self)
-        self.routing: Any = Router(self) if mode == "router" else Direct(self)
+        self.routing: Any = routing_of(self)
         self.publications = Publications(self)
         self.queries = Queries(self)
         self.tokens = Tokens(self)

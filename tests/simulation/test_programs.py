@@ -340,3 +340,21 @@ def test_a_tool_with_sockets_says_how_to_look_into_the_network(
     assert recorder.stop() == 0
     with RecordingReader(path) as reader:
         assert [stream.stream.name for stream in reader.streams] == ["robot"]
+
+
+def test_sites_of_a_hub_see_each_other(network: Network) -> None:
+    """A robot at one site is known at another once their hub is there, and again once it was."""
+    hub, *sites = (network.host(name) for name in ("hub", "yard", "hall"))
+    for site in sites:
+        network.program(site, "tfbus", "router", "--hub", "tcp/hub:7447", name="router")
+    network.program(hub, "tfbus", "router", name="router").wait_for_line("Routing on")
+    at = [("--mode", "client", "--connect", f"tcp/{site.name}:7447") for site in sites]
+    network.program(sites[0], "tfbus", "static", "map", "base", "--x", "5", *at[0], name="robot")
+
+    def is_seen() -> bool:
+        echo = network.program(sites[1], "tfbus", "echo", "map", "base", "--once", *at[1])
+        return echo.wait() == 0 and "5.000" in echo.stdout
+
+    assert is_seen()
+    network.restart("hub/router")
+    assert is_seen()

@@ -1,6 +1,7 @@
 """`tfbus fleet`: a fleet at a glance, and its roster."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from tests.simulated_bus import Bus
 from tfbus.base import scheduler
 from tfbus.cli.fleet import as_lines
 from tfbus.frames.fleet import RobotStatus, worst_first
+from tfbus.testing.programs import Program
 
 
 @pytest.fixture
@@ -259,11 +261,14 @@ def test_a_watch_that_was_stopped_raises_no_alarm(fleet: Bus) -> None:
     assert program.stop() == 0
 
 
-def test_a_watch_that_lost_its_own_link_blames_no_robot(
+_HUB = "tcp/outside:7447"
+
+
+def _watch_of_two(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """While the router of the watch is away its page says so, and the command of --on-gone does
-    not run; a robot that is not back --grace seconds after the router is gone.
+) -> tuple[list[tuple[str, str]], Callable[[], None], Program]:
+    """The options that have run, each with its robot; a function that starts the hub; and a watch
+    with a grace of 20 s, of robot2 and robot3, which are there.
     """
     ran: list[tuple[str, str]] = []
 
@@ -271,7 +276,6 @@ def test_a_watch_that_lost_its_own_link_blames_no_robot(
         ran.append((option, told["TFBUS_ROBOT"]))
 
     monkeypatch.setattr("tfbus.cli.fleet.run_in_shell", run)
-    hub = "tcp/outside:7447"
 
     def start_hub() -> None:
         with bus.network.process("outside", "hub"):
@@ -280,13 +284,23 @@ def test_a_watch_that_lost_its_own_link_blames_no_robot(
     start_hub()
     for number in (2, 3):
         with bus.network.process("outside", f"robot{number}"):
-            robot(bus, number, mode="client", connect=(hub,))
+            robot(bus, number, mode="client", connect=(_HUB,))
     commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "20")
-    join = ("--mode", "client", "--connect", hub)
+    join = ("--mode", "client", "--connect", _HUB)
     program = bus.start("fleet", "--watch", "--expect", "robot[2-3]", *commands, *join)
     eventually(lambda: "2 of 2 robots there" in program.stdout)
+    return ran, start_hub, program
+
+
+def test_a_watch_that_lost_its_own_link_blames_no_robot(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While the router of the watch is away its page says so, and the command of --on-gone does
+    not run; a robot that is not back --grace seconds after the router is gone.
+    """
+    ran, start_hub, program = _watch_of_two(bus, monkeypatch)
     bus.network.kill("outside/hub")
-    eventually(lambda: f"No link to {hub}" in program.stdout and "2 gone" in program.stdout)
+    eventually(lambda: f"No link to {_HUB}" in program.stdout and "2 gone" in program.stdout)
     bus.network.run(5.0)
     bus.network.kill("outside/robot3")
     start_hub()
@@ -294,5 +308,23 @@ def test_a_watch_that_lost_its_own_link_blames_no_robot(
     bus.network.run(10.0)
     assert ran == []
     eventually(lambda: ran == [("--on-gone", "robot3")])
-    assert f"No link to {hub}" not in program.stdout.rpartition("1 of 2")[0].rpartition("\n\n")[2]
+    assert f"No link to {_HUB}" not in program.stdout.rpartition("1 of 2")[0].rpartition("\n\n")[2]
+    program.stop()
+
+
+def test_a_watch_whose_link_comes_and_goes_misses_no_lost_robot(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command of --on-gone runs for a robot that is gone, though the own link is never there
+    for as long as --grace, and for none that is there whenever the link is.
+    """
+    ran, start_hub, program = _watch_of_two(bus, monkeypatch)
+    for number in range(6):
+        bus.network.kill("outside/hub")
+        bus.network.run(7.0)
+        if not number:
+            bus.network.kill("outside/robot3")
+        start_hub()
+        bus.network.run(10.0)
+    assert ran == [("--on-gone", "robot3")]
     program.stop()

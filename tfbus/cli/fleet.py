@@ -186,38 +186,46 @@ def _watch(
 
 class _Lost:
     """The robots that are gone or missing, and the commands that run when one is, and when it is
-    back. A robot that never came is missing only `grace_s` seconds from now on: it may be booting.
-    A robot that left together with this process's own link is gone only so long after that link
-    was lost, or is back: it may be there.
+    back. A robot that never came may be booting, and one that left within `grace_s` seconds of a
+    loss or return of this process's own link may be there. These count once they were away for so
+    long while that link was lost, or for so long while it was not, however often it comes and goes.
     """
 
     def __init__(self, on_gone: str | None, on_back: str | None, grace_s: float) -> None:
         self._on_gone, self._on_back = on_gone, on_back
         self._grace_s = grace_s
-        self._grace_ends_s = SYSTEM_CLOCK.elapsed_ns() / 1e9 + grace_s
-        self._was_cut = self._excuses_gone = False
+        self._updated_s = self._changed_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+        self._was_cut = self._has_changed = False
         self._names: set[str] = set()
+        # How long each robot with a grace was away without the own link, and with it.
+        self._away_s: dict[str, dict[bool, float]] = {}
 
     def update(self, robots: Iterable[RobotStatus], *, is_cut: bool) -> None:
         """Run the commands for the robots that are lost or back now; `is_cut` is whether this
         process has lost its own link.
         """
         now_s = SYSTEM_CLOCK.elapsed_ns() / 1e9
+        passed_s, self._updated_s = now_s - self._updated_s, now_s
         if is_cut != self._was_cut:
-            self._was_cut, self._excuses_gone = is_cut, True
-            self._grace_ends_s = now_s + self._grace_s
+            self._was_cut, self._has_changed, self._changed_s = is_cut, True, now_s
+        is_excuse = self._has_changed and now_s - self._changed_s < self._grace_s
         before, self._names = self._names, set()
-        is_late = now_s >= self._grace_ends_s
-        self._excuses_gone &= not is_late
+        former, self._away_s = self._away_s, {}
         for robot in robots:
-            is_excused = not is_late and (robot.state == "missing" or self._excuses_gone)
-            is_lost = robot.state != "there" and (robot.name in before or not is_excused)
-            if is_lost:
-                self._names.add(robot.name)
-            if is_lost and robot.name not in before:
+            name = robot.name
+            if robot.state == "there":
+                if name in before:
+                    _run_for(robot, "--on-back", self._on_back)
+                continue
+            if name not in before and (name in former or robot.state == "missing" or is_excuse):
+                away_s = former.get(name, {True: 0.0, False: 0.0})
+                away_s[is_cut] += passed_s
+                if max(away_s.values()) < self._grace_s:
+                    self._away_s[name] = away_s
+                    continue
+            self._names.add(name)
+            if name not in before:
                 _run_for(robot, "--on-gone", self._on_gone)
-            elif robot.state == "there" and robot.name in before:
-                _run_for(robot, "--on-back", self._on_back)
 
 
 def _run_for(robot: RobotStatus, option: str, line: str | None) -> None:

@@ -358,3 +358,12 @@ def test_sites_of_a_hub_see_each_other(network: Network) -> None:
     assert is_seen()
     network.restart("hub/router")
     assert is_seen()
+
+
+def test_a_site_says_each_minute_that_it_waits_for_its_hub(network: Network) -> None:
+    """Until then its own nodes have no router either."""
+    site = network.program(network.host("yard"), "tfbus", "router", "--hub", "tcp/hub:7447")
+    network.run(150.0)
+    said = [line for line in site.stderr.splitlines() if "Waiting for a router" in line]
+    assert len(said) == 3
+    assert all("tcp/hub:7447" in line for line in said)

@@ -50,6 +50,9 @@ _LONG_ANSWERS_WAITING = 64
 # The end of a session waits at most this long for answers that are being sent.
 _LAST_ANSWERS_S = 2.0
 
+# A client that waits for its router says so again after this time.
+_SAY_WAITING_AGAIN_S = 60.0
+
 # Zenoh takes no infinite time for a query: thirty years.
 _LONGEST_QUERY_S = 1e9
 
@@ -91,7 +94,7 @@ class Session(NetworkSession):
         self.open_to: tuple[str, ...] = ()
         self._neighbours: Neighbours | None = None
         self._deadline_s = scheduler.monotonic() + patience_s
-        self._is_waiting = False
+        self._say_waiting_s = scheduler.monotonic()
         network = zenoh_library.simulated()
         with bus_errors(f"join the bus{_through(settings)}"):
             if network is None:
@@ -154,8 +157,8 @@ class Session(NetworkSession):
                 or f"no router answers{_at(settings)}: is it running (tfbus router), "
                 "and its port open?"
             ) from error
-        if not self._is_waiting:
-            self._is_waiting = True
+        if scheduler.monotonic() >= self._say_waiting_s:
+            self._say_waiting_s = scheduler.monotonic() + _SAY_WAITING_AGAIN_S
             why = _why_no_link(settings)
             self._log.warning("Waiting for a router%s", f": {why}" if why else _at(settings))
 

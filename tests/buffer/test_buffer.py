@@ -413,6 +413,16 @@ def test_among_many_frames_any_name_may_be_unknown(name):
             call(name)
 
 
+def test_among_many_frames_each_has_its_own_answer():
+    """Whichever was looked up before: paths that are used again are kept by their names."""
+    frames = {f"frame{number}": float(number) for number in range(300)}
+    buffer = filled(*(moved(1, "world", name, x) for name, x in frames.items()))
+    for _ in range(3):
+        found = {name: buffer.lookup_transform("world", name).transform.x for name in frames}
+        back = {name: -buffer.lookup_transform(name, "world").transform.x for name in frames}
+        assert found == back == frames
+
+
 def test_names_are_compared_when_an_error_is_read(monkeypatch):
     """To compare many names takes long: an error that is dropped costs none of it."""
     buffer = filled(moved(1, "world", "robot", 1.0))

@@ -60,9 +60,9 @@ def test_an_error_names_the_frames_of_a_loop() -> None:
     buffer = Buffer()
     for stamp, parent, child in ((1, "a", "b"), (4, "root", "b"), (2, "b", "a"), (5, "root", "a")):
         buffer.set_transform(moved(stamp * S, parent, child))
-    for target in ("root", "b"):
+    for target, source in (("root", "a"), ("b", "a"), ("a", "root")):
         with pytest.raises(ConnectivityException, match=r"'a' -> 'b' -> 'a' .*loop"):
-            buffer.lookup_transform(target, "a", 3 * S)
+            buffer.lookup_transform(target, source, 3 * S)
 
 
 def wrong_way_round(authority: str, *, static: bool) -> Buffer:

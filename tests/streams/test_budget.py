@@ -2,12 +2,19 @@
 
 import pytest
 
-from tests.builders import at, payload, x_of
+from tests.builders import S, at, moved, payload, x_of
 from tests.buses import eventually, send_until
 from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tests.streams.received import receive, watch_of
-from tfbus import Buffer, StaticTransformBroadcaster, TransformBroadcaster, TransformListener
+from tfbus import (
+    Buffer,
+    Node,
+    StaticTransformBroadcaster,
+    TransformBroadcaster,
+    TransformException,
+    TransformListener,
+)
 from tfbus.streams import listener as module
 from tfbus.streams.info import StreamState
 from tfbus.streams.registry import Budget
@@ -138,3 +145,14 @@ def test_a_stream_that_was_given_up_is_described_again(bus: Bus) -> None:
         for number in range(99):
             broadcaster.remove(f"post{number}")
         eventually(lambda: x_of(buffer, "world", "post99") == 1)
+
+
+def test_a_node_says_which_past_its_buffer_lacked(receiver: Node, buffer: Buffer) -> None:
+    """How many lookups a longer cache would have answered, and by how many seconds at most."""
+    for second in (50, 51, 61):
+        buffer.set_transform(moved(second * S, "world", "robot"))
+    assert not buffer.can_transform("world", "robot", 50 * S + S // 2)
+    with pytest.raises(TransformException):
+        buffer.lookup_transform("world", "robot", 50 * S + S // 2)
+    (described,) = receiver.describe()["buffers"]
+    assert (described["too_old"], described["missed_by_s"]) == (1, 0.5)

@@ -233,6 +233,9 @@ def test_a_clock_that_is_set_meanwhile_is_measured_by_what_it_was_or_is(
     offsets = ClockOffsets(session, logging.getLogger("test"), warns=False)  # type: ignore[arg-type]
     offsets.watch("robot", StreamDescription(1, "/robot", 1, (), session="robot"))
     found = eventually(lambda: offsets.last_of("robot"))
+    # Another stream of that node has what is known.
+    offsets.watch("arm", StreamDescription(1, "/robot", 1, (), session="robot"))
+    assert offsets.last_of("robot")
     offsets.close()
     assert round(found.offset_s, 1) in (0.0, 2.0)
     assert found.round_trip_s >= 0.0

@@ -268,12 +268,18 @@ class Read:
     """The keys that an interest subscribes to, without a bus."""
 
     def __init__(self) -> None:
-        self.keys: set[str] = set()
+        self.open: list[str] = []
         self.forgotten: list[tuple[str, str, set[str]]] = []
 
     def subscribe(self, stream: str, key: str, static: bool) -> Declaration:
-        self.keys.add(key)
-        return Declaration(_Undeclared(lambda: self.keys.discard(key)))
+        self.open.append(key)
+        return Declaration(_Undeclared(lambda: self.open.remove(key)))
+
+    @property
+    def keys(self) -> set[str]:
+        """Those of subscriptions that are open; each of one."""
+        assert len(self.open) == len({*self.open})
+        return {*self.open}
 
     def forget(self, stream: str, key: str, frames: set[str]) -> None:
         self.forgotten.append((stream, key, frames))

@@ -208,9 +208,9 @@ def test_statics_outlive_a_jump_of_the_clock(received: Received) -> None:
     """A stream that restarts since its clock went back need not send its statics again."""
     received.send_static(at(1, "post"), epoch_ns=1)
     received.send(at(1, "robot"), epoch_ns=2)
-    received.describe("post", "robot", epoch_ns=2)
+    received.stream.describe(2, frozenset({"post", "robot"}), frozenset({"post"}))
     assert received.x_of("post") == 1
-    assert received.gone() == []
+    assert received.gone() == [] and not received.stream.statics.are_lacking()
     late = Received()
     late.send(at(1, "robot"), epoch_ns=2)
     late.send_static(at(1, "post"), epoch_ns=1)
@@ -553,6 +553,25 @@ def test_a_kept_frame_that_is_removed_under_way_is_not_stored() -> None:
     received.stream.receive_kept(payload([at(1, "robot"), at(2, "arm")], 1))
     assert (received.x_of("robot"), received.x_of("arm")) == (1, None)
     assert received.stream.counts.messages == 1
+
+
+def test_a_list_that_comes_while_frames_are_marked_is_not_undone(received: Received) -> None:
+    """The marks by the list before it are on their way."""
+    received.send(at(1, "robot"), at(1, "arm"), epoch_ns=1)
+    received.send(at(2, "robot", 2 * S), epoch_ns=2)
+    marks: Any = received.stream.marks
+    find = marks._find_left_behind
+
+    def find_slowly(held: dict[str, int]) -> frozenset[str]:
+        marks._find_left_behind = find
+        found: frozenset[str] = find(held)
+        assert found == {"arm"}
+        received.describe("robot", "arm", epoch_ns=2)
+        return found
+
+    marks._find_left_behind = find_slowly
+    received.describe("robot", epoch_ns=2)
+    assert received.gone() == []
 
 
 def test_a_set_of_statics_is_stored_though_an_epoch_ends_under_way() -> None:

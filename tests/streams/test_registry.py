@@ -58,6 +58,7 @@ def test_keys_of_removed_frames_make_room(met: Met) -> None:
     assert list(met.registry.receptions) == keys
     met.describe("arm", "b")
     assert list(met.registry.receptions) == keys[1:]
+    assert met.registry.stream("tf/arm").keys == {"tf/arm/b", "tf_static/arm"}
 
 
 def test_keys_have_a_limit(met: Met) -> None:

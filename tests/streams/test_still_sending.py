@@ -9,7 +9,9 @@ from tfbus.base import scheduler
 from tfbus.base.executor import Executor
 
 
-def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:
+def test_a_publisher_that_sends_is_not_gone_without_its_token(
+    bus: Bus, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A stream whose token is lost is back once its messages have gone on for a while."""
     publisher, buffer = bus.node("sim"), Buffer()
     keep_sending(publisher, "world", "robot")
@@ -22,9 +24,11 @@ def test_a_publisher_that_sends_is_not_gone_without_its_token(bus: Bus) -> None:
         eventually(lambda: buffer.frame("robot").gone)
         eventually(lambda: not buffer.frame("robot").gone)
         assert [each.name for each in listener.streams() if each.alive] == ["sim"]
-        # And it is gone for good once it no longer sends.
+        # And it is gone for good once it no longer sends; the log says it once.
         publisher.close()
         eventually(lambda: buffer.frame("robot").gone)
+    said = " ".join(capsys.readouterr().err.split())
+    assert said.count("is gone; its last transforms stay, marked as gone: 'robot'") == 1
 
 
 def test_messages_under_way_bring_no_publisher_back(bus: Bus) -> None:

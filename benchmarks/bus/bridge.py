@@ -153,7 +153,7 @@ def _messages(rows: int, count: int) -> list[Any]:
 def flow(rows: int) -> None:
     """The process with the bridge: it gets messages as the leg's and Zenoh's threads bring them."""
     import tfbus
-    from tfbus.geometry.columns import Columns
+    from tfbus.geometry.columns import columns_of_batch
     from tfbus.ros.tf_message import TFMessageWriter
     from tfbus.wire.transforms import TransformMessage, encode_transforms
 
@@ -165,7 +165,7 @@ def flow(rows: int) -> None:
     with tfbus.Node("ros2") as node, tfbus.Node.from_settings(there) as sender:
         bridge = _bridge(node, leg)
         payloads = [
-            writer.write(Columns.of_batch(each).with_frames(_renamed(each.frames)))
+            writer.write(columns_of_batch(each).with_frames(_renamed(each.frames)))
             for each in _messages(rows, _MESSAGES)
         ]
         take = leg.heard["/tf"]

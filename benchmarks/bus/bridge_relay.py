@@ -69,7 +69,7 @@ def ros(sends: bool) -> None:
     """ROS: its router, and a node that publishes /tf as rmw_zenoh does, or subscribes to it."""
     import zenoh
 
-    from tfbus.geometry.columns import Columns
+    from tfbus.geometry.columns import columns_of_batch
     from tfbus.ros.rmw_zenoh import gid_of
     from tfbus.ros.tf_message import TFMessageWriter
 
@@ -86,7 +86,7 @@ def ros(sends: bool) -> None:
         place_of = f"{session.zid()}/0/1/MP/%/%/ros_node/%{topic}/{type_name}/{type_hash}"
         name = f"@ros2_lv/0/{place_of}/::,100:,:,:,,"
         token, gid = session.liveliness().declare_token(name), gid_of(name)
-        payload = TFMessageWriter().write(Columns.of_batch(_one()))
+        payload = TFMessageWriter().write(columns_of_batch(_one()))
         stamp = struct.pack("<i", int(time.time()))
         head, _, tail = payload.partition(stamp)
         head, tail = head + stamp, tail[4:]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tfbus import SettingsError
-from tfbus.bus.rights import as_keys, as_path, check_pattern, matches
+from tfbus.bus.patterns import as_keys, as_path, check_pattern, matches
 
 PARTS = st.text("ab_", min_size=1, max_size=3)
 NAMES = st.lists(PARTS, min_size=1, max_size=4).map("/".join)

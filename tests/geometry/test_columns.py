@@ -38,6 +38,16 @@ def test_what_was_found_holds_for_no_other_edges(other: Columns) -> None:
     assert found.get(other) is None
 
 
+def test_names_are_compared_as_texts() -> None:
+    """Of two batches with the same names the texts are other objects, if a program made them."""
+    found = FoundOfRows(10)
+    first = rows("robot", "arm")
+    found.put(first, "both")
+    others = tuple("".join(list(name)) for name in first.frames)
+    assert all(one is not other for one, other in zip(first.frames, others, strict=True))
+    assert found.get(first.with_frames(others)) == "both"
+
+
 def test_messages_that_alternate_are_all_found() -> None:
     """As of a publisher that sends its frames one by one."""
     found = FoundOfRows(10)

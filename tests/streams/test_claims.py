@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from tests.builders import S, description
 from tests.fakes import Clock
 from tfbus import InvalidArgumentException
-from tfbus.streams.conflicts import Claims, Conflict, Rule, Starts
+from tfbus.base import scheduler
+from tfbus.streams.conflicts import Claims, Conflict, Rule
 from tfbus.wire.descriptions import StreamDescription
 
 
@@ -169,10 +170,13 @@ def test_after_any_events_the_rule_alone_decides(
         assert {name for name, frames in excluded.items() if child in frames} == losers
 
 
-def test_who_claims_late_to_have_been_there_first_was_not() -> None:
+def test_who_claims_late_to_have_been_there_first_was_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A stream that a listener meets after a minute, and that says it is an hour old, is new."""
     clock = Clock(3600 * S)
-    claims = Claims("first", Starts(clock))
+    monkeypatch.setattr(scheduler, "time_ns", clock)
+    claims = Claims("first")
     old = described("robot", started=1800 * S)
     claims.update("honest", old)
     clock.now_ns += 60 * S
@@ -184,11 +188,14 @@ def test_who_claims_late_to_have_been_there_first_was_not() -> None:
     assert rejected(claims, ("new", new), ("honest", old)).keys() == {"new", "liar"}
 
 
-def test_streams_that_are_met_together_late_are_ranked_by_their_word() -> None:
+def test_streams_that_are_met_together_late_are_ranked_by_their_word(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """After a cut link all are met at once: the first started wins, whichever is met first."""
     for order in permutations(("a", "b")):
         clock = Clock(3600 * S)
-        claims = Claims("first", Starts(clock))
+        monkeypatch.setattr(scheduler, "time_ns", clock)
+        claims = Claims("first")
         clock.now_ns += 600 * S
         updates = [(name, described("robot", started=1 + "ab".index(name))) for name in order]
         assert rejected(claims, *updates) == {"b": {"robot"}}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tfbus import InvalidArgumentException, TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import columns_of_batch
 from tfbus.streams.frame_names import StreamNames
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames, has_name, shared_name
@@ -127,7 +127,7 @@ def test_messages_are_read_with_outside_names() -> None:
     assert message.batch.stamps_ns.tolist() == [5]
     assert message.batch.poses.tolist() == batch.poses.tolist()
     assert (message.epoch_ns, message.seq) == (7, 3)
-    for rows in (batch, Columns.of_batch(batch)):
+    for rows in (batch, columns_of_batch(batch)):
         with pytest.raises(InvalidArgumentException, match="1 names for 2 frames"):
             rows.with_frames(("map",))
 

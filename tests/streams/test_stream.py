@@ -31,7 +31,7 @@ from tfbus import (
 from tfbus.base import scheduler
 from tfbus.bus.retained import ask_retained, declare_retained_subscriber
 from tfbus.bus.settings import NETWORKS
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, columns_of_batch
 from tfbus.streams import sender
 from tfbus.streams.info import StreamState
 from tfbus.streams.retained import FrameAnnouncer
@@ -367,7 +367,7 @@ def test_stamps_at_the_end_of_time_begin_no_epoch(stamp_ns: int) -> None:
     sent = Sent()
     sender = sent.sender()
     for count in (1, 2, 1):
-        sender.send(Columns.of_batch(rows_of(count, stamp_ns)))
+        sender.send(columns_of_batch(rows_of(count, stamp_ns)))
     assert [message.epoch_ns for _, message in sent.messages] == [0, 0, 0]
 
 
@@ -376,7 +376,7 @@ def test_sends_of_ever_other_frames_are_sent_all_the_same() -> None:
     sent = Sent()
     sender = sent.sender()
     for count in (30_000, 29_999, 30_000):
-        sender.send(Columns.of_batch(rows_of(count, 100 * S)))
+        sender.send(columns_of_batch(rows_of(count, 100 * S)))
         assert sum(len(table.by_child) for table in sender._tables.values()) <= 50_000
     assert [len(message.batch) for _, message in sent.messages] == [30_000, 29_999, 30_000]
     assert numbers_of(sent)[-1] == ("tf/sim", 0, 2)

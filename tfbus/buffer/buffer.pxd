@@ -3,7 +3,7 @@ from tfbus.buffer.lock cimport Lock
 from tfbus.buffer.lookup cimport Lookup
 from tfbus.buffer.store cimport Store
 from tfbus.geometry.kernel cimport Path
-from tfbus.geometry.columns cimport Columns
+from tfbus.geometry.columns cimport Columns, columns_of_batch
 from tfbus.geometry.transform cimport TransformStamped
 
 cdef object TF2, _AT_ONCE
@@ -22,5 +22,6 @@ cdef class Buffer:
     cdef _lookup(
         self, target_frame, source_frame, stamp_ns, timeout_s, sampling, max_age_s, living)
 
+cdef Columns _columns(batch)
 @cython.locals(buffer=Buffer)
 cpdef _unpickled(kind, contents, bint is_ended)

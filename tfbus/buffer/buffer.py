@@ -27,7 +27,7 @@ from tfbus.buffer.insert_many import Permit
 from tfbus.buffer.lookup import Lookup, check_sampling, lookup_many
 from tfbus.buffer.store import ExpiredLookups, Store
 from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, columns_of_batch
 from tfbus.geometry.kernel import ALL_STATIC, LONGEST_NS, NO_DATA
 from tfbus.geometry.sampling import TF2, Contents, Held, Sampling
 from tfbus.geometry.transform import (
@@ -939,7 +939,7 @@ def _joined(answers: Sequence[TransformStamped]) -> TransformStamped:
 
 def _columns(batch: TransformBatch | Iterable[TransformStamped]) -> Columns:
     if isinstance(batch, TransformBatch):
-        return Columns.of_batch(batch)
+        return columns_of_batch(batch)
     if isinstance(batch, TransformStamped) or not isinstance(batch, Iterable):
         raise InvalidArgumentException(
             "batch: expected a tfbus.TransformBatch or several tfbus.TransformStamped, got a "

@@ -32,7 +32,7 @@ from tfbus.cli.output import (
 )
 from tfbus.command.options import check_grace, grace_option, listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import Number, own_name
+from tfbus.command.types import Number
 from tfbus.doctor.examination import (
     CHECKS,
     OF_A_BUS,
@@ -113,7 +113,7 @@ class _CheckName(click.Choice[str]):
 @json_option("Print one JSON object: verdict, evidence and remedy of each check.")
 @bag_options("begin", "end")
 @roster_option
-@listening_options(lambda: own_name("_doctor"))
+@listening_options("_doctor")
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -31,7 +31,6 @@ from tfbus.command.options import (
     roster_option,
 )
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import own_name
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.moment import BusMoment, LiveView
 from tfbus.wire.fleet import Fleet
@@ -70,7 +69,7 @@ _MOST_IN_PIPE = 200
 @period_option("How long rates are measured, and the time between pages")
 @json_option("Print one JSON object; with --watch a line for each change of a robot's state.")
 @bag_options("at")
-@listening_options(lambda: own_name("_fleet"), always_fleet=True)
+@listening_options("_fleet", always_fleet=True)
 def command(
     settings: NodeSettings,
     fleet: Fleet,

@@ -24,7 +24,7 @@ from tfbus.cli.fleet import FleetPage
 from tfbus.cli.output import json_option, longest_line, paint_state, print_lines, screen, width
 from tfbus.command.options import listening_options
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import Number, OutputFile, own_name
+from tfbus.command.types import Number, OutputFile
 from tfbus.frames import document
 from tfbus.frames.document import edge_lines, tree_lines
 from tfbus.frames.moment import BusMoment, LiveView
@@ -72,7 +72,7 @@ _ENDINGS = [*_PICTURES, *_TEXTS]
 )
 @click.option("--check", is_flag=True, help="Exit with 1 if something is wrong with the tree.")
 @bag_options("at")
-@listening_options(lambda: own_name("_frames"))
+@listening_options("_frames")
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -32,7 +32,7 @@ from tfbus.cli.output import (
 )
 from tfbus.command.options import listening_options, period_option
 from tfbus.command.recordings import BagChoice, bag_options
-from tfbus.command.types import FrameName, own_name
+from tfbus.command.types import FrameName
 from tfbus.frames.clocks import is_another_time, whose_clock
 from tfbus.frames.moment import BusMoment, BusView, LiveView, faults, state
 from tfbus.frames.report import (
@@ -70,7 +70,7 @@ _BESIDE_NAME = 20
 @click.option("--once", is_flag=True, help="Print one report and exit.")
 @json_option("Print each report as one line of JSON.")
 @bag_options("begin", "end")
-@listening_options(lambda: own_name("_monitor"))
+@listening_options("_monitor")
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

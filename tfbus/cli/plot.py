@@ -25,7 +25,6 @@ from tfbus.command.types import (
     MomentType,
     Number,
     OutputFile,
-    own_name,
 )
 from tfbus.frames.moment import LiveView
 from tfbus.frames.picture import PANELS, Panel, show_plot, write_plot
@@ -87,7 +86,7 @@ _MOST_S = 86_400.0
 )
 @bag_options("end", statics=True)
 @max_gap_option
-@listening_options(lambda: own_name("_plot"))
+@listening_options("_plot")
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

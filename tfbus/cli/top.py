@@ -7,13 +7,12 @@ from tfbus.base.installation import install_command
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import is_terminal
 from tfbus.command.options import listening_options
-from tfbus.command.types import own_name
 from tfbus.frames.command_listener import listening
 from tfbus.wire.fleet import Fleet
 
 
 @click.command(epilog="Example: tfbus top")
-@listening_options(lambda: own_name("_top"))
+@listening_options("_top")
 def command(settings: NodeSettings, fleet: Fleet | None) -> None:
     """Watch nodes, streams, frames and topics on one screen."""
     try:

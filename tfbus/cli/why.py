@@ -12,7 +12,7 @@ from tfbus.cli.bus import frames_at, listening, moment_lines, out_of_reach
 from tfbus.cli.output import json_option, paint, print_json, print_lines
 from tfbus.command.options import listening_options, roster_option
 from tfbus.command.recordings import BagChoice, bag_option, statics_option
-from tfbus.command.types import FrameName, Moment, MomentType, own_name
+from tfbus.command.types import FrameName, Moment, MomentType
 from tfbus.frames.fleet import FleetWatch
 from tfbus.frames.why import (
     ON_THE_BUS,
@@ -50,7 +50,7 @@ _LONGEST_BACK_S = 3600.0
 @bag_option
 @statics_option
 @roster_option
-@listening_options(lambda: own_name("_why"))
+@listening_options("_why")
 def command(
     settings: NodeSettings,
     fleet: Fleet | None,

@@ -18,7 +18,7 @@ from tfbus.base.signals import forget_interrupt
 from tfbus.base.wording import natural_order, printable
 from tfbus.bus.settings import MODES, NodeSettings, log_level_of
 from tfbus.bus.settings import NAMES as NETWORK_NAMES
-from tfbus.command.types import NOT_NEGATIVE, LogLevel, Number, RosterNames
+from tfbus.command.types import NOT_NEGATIVE, LogLevel, Number, RosterNames, own_name
 from tfbus.geometry.sampling import TF2, Sampling
 from tfbus.wire.descriptions import POSES
 
@@ -254,12 +254,12 @@ def bus_options(name: str) -> Callable[[F], F]:
     return _with_options(name, _BUS_OPTIONS)
 
 
-def listening_options(
-    name: str | Callable[[], str], *, always_fleet: bool = False
-) -> Callable[[F], F]:
+def listening_options(kind: str, *, always_fleet: bool = False) -> Callable[[F], F]:
     """`bus_options`, `--sim-time` and `fleet_options`, for a command that listens to transforms;
-    with `always_fleet` to a fleet's, without `--fleet`.
+    with `always_fleet` to a fleet's, without `--fleet`. Each run has a name of its own, which
+    begins with `kind`.
     """
+    name = partial(own_name, kind)
     options = {"sim_time": _NODE_OPTIONS["sim_time"], **_BUS_OPTIONS}
     return lambda function: _with_fleet(_with_options(name, options)(function), always_fleet)
 

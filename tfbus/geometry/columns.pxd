@@ -39,6 +39,8 @@ cdef class FoundOfRows:
     @cython.locals(former=Kind)
     cpdef put(self, Columns columns, object found)
 
+@cython.locals(stamps=bytes, columns=Columns)
+cpdef Columns columns_of_batch(batch)
 @cython.locals(one=TransformStamped, index_of=dict, edges=list, stamps=list, poses=list,
                parent=Py_ssize_t, child=Py_ssize_t)
 cdef Columns _of_list(list transforms)

@@ -40,16 +40,6 @@ class Columns:
         self.edges_at = self.stamps_at = self.poses_at = 0
 
     @staticmethod
-    def of_batch(batch: TransformBatch) -> "Columns":
-        """The columns of a batch."""
-        stamps = batch.stamps_ns.tobytes()
-        columns = Columns(batch.frames, len(stamps) // STAMP_SIZE)
-        columns.edges = batch.edges.tobytes()
-        columns.stamps = stamps
-        columns.poses = batch.poses.tobytes()
-        return columns
-
-    @staticmethod
     def of_bytes(frames: tuple[str, ...], edges: bytes, stamps: bytes, poses: bytes) -> Columns:
         """Columns of these bytes, from their beginning; as many rows as there are stamps."""
         columns = Columns(frames, len(stamps) // STAMP_SIZE)
@@ -110,7 +100,7 @@ class Columns:
         return (
             len(edges) == size
             and packed.is_at(self.edges, self.edges_at, edges, size)
-            and (frames is self.frames or frames == self.frames)
+            and packed.are_texts(frames, self.frames)
         )
 
     def pairs(self) -> list[tuple[int, int]]:
@@ -229,6 +219,19 @@ class FoundOfRows:
 def rows_of(column: bytes, start: int, size: int, rows: Iterable[int]) -> bytes:
     """These rows of a column that begins at `start`, each of `size` bytes."""
     return b"".join([column[start + size * row : start + size * (row + 1)] for row in rows])
+
+
+def columns_of_batch(batch: TransformBatch) -> Columns:
+    """The columns of a batch; no method of the class, since this is then a function of C."""
+    stamps: bytes = batch.stamps_ns.tobytes()
+    columns = Columns.__new__(Columns)
+    columns.frames = batch.frames
+    columns.count = len(stamps) // STAMP_SIZE
+    columns.edges = batch.edges.tobytes()
+    columns.stamps = stamps
+    columns.poses = batch.poses.tobytes()
+    columns.edges_at = columns.stamps_at = columns.poses_at = 0
+    return columns
 
 
 def _of_list(transforms: list[TransformStamped]) -> Columns:

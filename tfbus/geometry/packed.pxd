@@ -5,6 +5,7 @@ from cpython cimport array
 from cpython.bytearray cimport PyByteArray_AS_STRING
 from cpython.bytes cimport PyBytes_AS_STRING, PyBytes_FromStringAndSize
 from cpython.long cimport PyLong_AsLongLongAndOverflow
+from cpython.sequence cimport PySequence_Fast_ITEMS
 from cpython.unicode cimport PyUnicode_DecodeUTF8
 from libc.limits cimport LLONG_MIN
 from libc.math cimport floor
@@ -150,6 +151,14 @@ cdef inline unsigned char* octets_of(bytearray room) noexcept:
 cdef inline bint is_at(octets_t data, Py_ssize_t at, const char* text,
                        Py_ssize_t size) noexcept nogil:
     return memcmp(data + at, text, size) == 0
+
+
+cdef inline bint are_texts(tuple some, tuple others) except -1:
+    cdef Py_ssize_t count = len(some)
+    if count == len(others) and memcmp(
+            PySequence_Fast_ITEMS(some), PySequence_Fast_ITEMS(others), count * sizeof(void*)) == 0:
+        return True
+    return some == others
 
 
 cdef inline str text_at(octets_t data, Py_ssize_t at, Py_ssize_t size):

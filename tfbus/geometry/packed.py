@@ -146,6 +146,11 @@ def is_at(data: bytes, at: int, text: bytes, size: int) -> bool:
     return data[at : at + size] == text
 
 
+def are_texts(some: tuple[str, ...], others: tuple[str, ...]) -> bool:
+    """Whether two tuples have equal texts, which mostly are the same ones."""
+    return some == others
+
+
 def text_at(data: bytes, at: int, size: int) -> str:
     """A text in UTF-8. Raises UnicodeDecodeError if it is not."""
     return data[at : at + size].decode()

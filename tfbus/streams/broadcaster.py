@@ -12,7 +12,7 @@ from tfbus.base.stamps import (
 )
 from tfbus.base.wording import age
 from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, columns_of_batch
 from tfbus.geometry.transform import TransformStamped
 from tfbus.node.node import Node
 from tfbus.streams.sender import StreamOptions
@@ -178,5 +178,5 @@ class StaticTransformBroadcaster:
 
 def _as_columns(transforms: TransformBatch | Iterable[TransformStamped]) -> Columns:
     if isinstance(transforms, TransformBatch):
-        return Columns.of_batch(transforms)
+        return columns_of_batch(transforms)
     return Columns.of_transforms(transforms)

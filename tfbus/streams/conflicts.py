@@ -152,13 +152,13 @@ class Claims:
     of others list costs no more than its own.
     """
 
-    def __init__(self, rule: Rule, starts: "Starts | None" = None) -> None:
+    def __init__(self, rule: Rule) -> None:
         if rule not in get_args(Rule):
             raise InvalidArgumentException(
                 f"conflicts must be one of {', '.join(get_args(Rule))}, not {rule!r}"
             )
         self.rule = rule
-        self._starts = starts or Starts()
+        self._starts = Starts()
         self._claims: dict[str, dict[str, Claimant]] = {}
         self._children: dict[str, frozenset[str]] = {}
         # By stream; the least comes first.
@@ -284,12 +284,11 @@ class Starts:
     A stream that says that it was started long before this listener first met it, while the
     listener was there to meet it, may say so to win: it counts as started when it was met. So it
     does if its clock is wrong. Streams met within 5 s of each other, as after a cut link, keep the
-    order of their word. `clock_ns` is the system's clock.
+    order of their word.
     """
 
-    def __init__(self, clock_ns: Callable[[], int] = lambda: scheduler.time_ns()) -> None:
-        self._clock_ns = clock_ns
-        self._met_ns = clock_ns()
+    def __init__(self) -> None:
+        self._met_ns = scheduler.time_ns()
         self._is_late = False
         # By stream and session: a process is started once.
         self._starts: Bounded[tuple[str, str], tuple[int, int]] = Bounded(_MOST_STARTS)
@@ -306,7 +305,7 @@ class Starts:
         return start
 
     def _judge(self, said_ns: int) -> tuple[int, int]:
-        now_ns = self._clock_ns()
+        now_ns = scheduler.time_ns()
         if now_ns > self._met_ns + _TOGETHER_NS:
             if said_ns > now_ns - _NEW_NS:
                 return said_ns, said_ns

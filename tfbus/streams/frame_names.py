@@ -5,11 +5,12 @@ Which frames are in a message, and which node a description names, only the rece
 """
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from tfbus.base.bounded import Bounded
 from tfbus.base.structs import replace
 from tfbus.base.wording import listed
-from tfbus.bus.rights import Rights, matches
+from tfbus.bus.patterns import matches
 from tfbus.bus.settings import NodeSettings
 from tfbus.streams.info import StreamState
 from tfbus.streams.stages import FrameRights
@@ -18,6 +19,10 @@ from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import last_name, namespace_of
 from tfbus.wire.transform_bytes import NameTables
 from tfbus.wire.transforms import TransformReader
+
+if TYPE_CHECKING:
+    # Of closed buses only.
+    from tfbus.bus.rights import Rights
 
 # Namespaces come from the bus: the names of at most this many are remembered.
 MOST_NAMESPACES = 1000
@@ -70,7 +75,7 @@ class StreamNames:
 class StreamRights:
     """The rights that concern streams, as a session of these settings sees their keys."""
 
-    def __init__(self, rights: Rights, namespace: str) -> None:
+    def __init__(self, rights: "Rights", namespace: str) -> None:
         self._rights = rights
         self._namespace = namespace
 

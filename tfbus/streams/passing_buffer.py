@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Iterable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, columns_of_batch
 from tfbus.geometry.transform import TransformStamped
 
 
@@ -38,7 +38,7 @@ class PassingBuffer(Buffer):
     ) -> int:
         """As of any buffer."""
         if isinstance(batch, TransformBatch):
-            batch = Columns.of_batch(batch)
+            batch = columns_of_batch(batch)
         elif not isinstance(batch, Columns):
             batch = Columns.of_transforms(batch)
         if self._leaves_out(authority):

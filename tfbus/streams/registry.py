@@ -137,7 +137,7 @@ class Registry:
         self,
         make: Callable[[str, str], StreamReception],
         on_crowded: Callable[[], object],
-        on_forgotten: Callable[[str], object] = lambda name: None,
+        on_forgotten: Callable[[str], object],
     ) -> None:
         self.most_keys = MOST_KEYS
         # By key.

@@ -13,7 +13,7 @@ from tfbus.base.wording import quoted, stamp_text
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.buffer.insert_many import Permit
-from tfbus.bus.rights import matches
+from tfbus.bus.patterns import matches
 from tfbus.geometry.columns import Columns, FoundOfRows
 from tfbus.streams.stream_facts import Publisher, ReceptionHooks, StreamFacts, Verdict
 

@@ -1,7 +1,7 @@
 cimport cython
 from tfbus.geometry cimport packed
 from tfbus.geometry.packed cimport octets_t
-from tfbus.geometry.columns cimport Columns
+from tfbus.geometry.columns cimport Columns, columns_of_batch
 from tfbus.geometry.transform cimport TransformStamped, child_name
 from tfbus.wire.numbered cimport FrameNumbers, NumberedRows, pack_poses
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from tfbus.base import scheduler
 from tfbus.geometry import packed
 from tfbus.geometry.batch import TransformBatch
-from tfbus.geometry.columns import Columns
+from tfbus.geometry.columns import Columns, columns_of_batch
 from tfbus.geometry.packed import EDGE_SIZE, POSE_SIZE, STAMP_SIZE
 from tfbus.geometry.transform import TransformStamped, child_name
 from tfbus.wire.numbered import FrameNumbers, pack_poses
@@ -66,7 +66,7 @@ class TransformMessage:
         seq: int | None = None,
         unnamed: int = 0,
     ) -> None:
-        self.rows = rows if isinstance(rows, Columns) else Columns.of_batch(rows)
+        self.rows = rows if isinstance(rows, Columns) else columns_of_batch(rows)
         self.epoch_ns = epoch_ns
         self.seq = seq
         self.unnamed = unnamed

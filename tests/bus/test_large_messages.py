@@ -14,10 +14,10 @@ SMALL = Image(1, "camera", 48, 64, "rgb8", 0, 192, np.zeros(9_216, np.uint8))
 @pytest.mark.parametrize(
     ("profile", "image", "warnings"), [("wifi", RAW, 1), ("wifi", SMALL, 0), ("lan", RAW, 0)]
 )
-def test_the_first_very_large_message_on_a_bad_network_is_named(
+def test_the_first_large_message_on_a_bad_network_is_named(
     bus: Bus, caplog: pytest.LogCaptureFixture, profile: str, image: Image, warnings: int
 ) -> None:
-    """The log says once that the next ones are dropped while one is on its way, and what helps."""
+    """The log says once how much waits for a link there, and what helps."""
     received: list[Image] = []
     driver = bus.node("driver", network=profile)
     driver.log.addHandler(caplog.handler)

@@ -61,7 +61,7 @@ cdef class Tree:
     @cython.locals(child=History, parent=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
-    cdef bint _yields_to(self, History child, str authority)
+    cdef bint _yields_to(self, History child, str authority) noexcept
     cdef bint _is_only_repeated(
         self, History child, str parent_frame, pose_t pose, str authority) except -1
     cdef _note_crowded(self, History child)

@@ -298,10 +298,7 @@ class Laws:
         if living or not is_alive or slot not in self._run.publishers:
             return
         died_s = max(self.died_s.get(each.number, now_s) for each in self._run.publishers[slot])
-        running_s = self._running_s.get(part.process, now_s)
-        # After a pause of its own a listener gives others time.
-        judges_s = running_s + (JUDGES_AFTER_PAUSE_S if running_s > part.began_s else 0.0)
-        gone_for_s = now_s - max(died_s, judges_s)
+        gone_for_s = now_s - max(died_s, self._judges_s(part))
         silent_for_s = now_s - self._heard[key][1]
         if (
             gone_for_s > GONE_WITHIN_S * self._patience
@@ -468,6 +465,13 @@ class Laws:
                 return None
         return min(rivals, key=lambda each: each.node.started_ns)
 
+    def _judges_s(self, part: "Part") -> float:
+        """From when on a listener knows others: after a pause of its own it reads the messages of
+        that time, and gives others time.
+        """
+        running_s = self._running_s.get(part.process, self._run.now_s)
+        return running_s + (JUDGES_AFTER_PAUSE_S if running_s > part.began_s else 0.0)
+
     def check_change(self, part: "Part", change: Any) -> None:
         """A frame is back only where a process is there that has sent it, or was a moment ago: as
         long as its end may still be under way.
@@ -477,8 +481,8 @@ class Laws:
         slot = change.frame.partition("_")[0]
         now_s, within_s = self._run.now_s, GONE_WITHIN_S * self._patience
         for publisher in self._run.publishers.get(slot, ()):
-            is_lately = now_s - self.died_s.get(publisher.number, now_s) < within_s
-            if change.frame in publisher.ever_sent and is_lately:
+            died_s = max(self.died_s.get(publisher.number, now_s), self._judges_s(part))
+            if change.frame in publisher.ever_sent and now_s - died_s < within_s:
                 return
         if slot in self._run.publishers:
             self._run.violate(f"{part.name}: {change.frame} is back, and no process has sent it")

@@ -39,6 +39,8 @@ _FAILED_ONCE = (
     (SMALL, 625873032276, (0, 1, 2, 5, 6, 7, 8, 9, 10, 11, 30)),
     # The word of a process that waited so long ended the silence after its end: it lived for ever.
     (SMALL, 803224780011, (0, 7, 9, 10, 12)),
+    # By the law a listener that was stopped was not to read the messages of that time.
+    (SMALL, 262277161448, (1, 2, 6, 10, 11, 12, 19)),
 )
 
 

@@ -119,15 +119,19 @@ def test_a_configuration_file_comes_first(tmp_path: Path) -> None:
     assert value_of("transport/link/tx/keep_alive", network="wifi", config=str(config)) == 8
 
 
-def test_large_messages_of_a_bad_network_have_a_queue_of_their_own() -> None:
-    """It holds a raw image on Wi-Fi, and each transform is a datagram beside it; not on a LAN."""
-    (of_large,) = value_of("qos/network", network="wifi")
-    assert of_large["overwrite"]["priority"] == "data_low"
-    tx = value_of("transport/link/tx", network="wifi")
-    assert tx["queue"]["size"]["data_low"] * tx["batch_size"] > 640 * 480 * 3
-    assert tx["queue"]["batching"]["enabled"] is False
+def test_large_messages_of_a_bad_network_go_one_at_a_time() -> None:
+    """Below the priority of others, very large ones below large ones; a LAN sends them as others,
+    and no link ends because one takes long.
+    """
+    of_large, of_very_large = value_of("qos/network", network="wifi")
+    sizes = [each["payload_size"].split("..") for each in (of_large, of_very_large)]
+    assert int(sizes[0][1]) + 1 == int(sizes[1][0])
+    overwritten = [each["overwrite"] for each in (of_large, of_very_large)]
+    assert [each["priority"] for each in overwritten] == ["data_low", "background"]
+    assert {each["congestion_control"] for each in overwritten} == {"block_first"}
     assert value_of("qos/network") == []
-    assert value_of("transport/link/tx/queue/batching/enabled") is True
+    wait_us = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+    assert value_of(wait_us, network="mobile") > 60_000_000
 
 
 @pytest.mark.real

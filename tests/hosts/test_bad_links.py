@@ -141,20 +141,20 @@ def test_a_robot_out_of_reach_is_gone_until_it_is_back(robot: Robot) -> None:
 @pytest.mark.parametrize(
     "robot",
     [
+        ("mobile", Conditions(0.03, bytes_a_second=2_500_000)),
         ("wifi", Conditions(0.005, bytes_a_second=2_500_000)),
-        ("satellite", Conditions(0.03, bytes_a_second=2_500_000)),
     ],
     indirect=True,
-    ids=["Wi-Fi", "satellite"],
+    ids=["mobile", "Wi-Fi"],
 )
 def test_raw_images_arrive_beside_fresh_frames(robot: Robot, tmp_path: Path) -> None:
-    """Images that the link takes 0.4 s to carry arrive, and frames stay fresh beside them."""
+    """Of a camera that sends more than the link carries, images arrive, and frames stay fresh."""
     np.save(tmp_path / "image.npy", np.zeros((480, 640, 3), np.uint8))
     start = robot.network.start
     env = {"TFBUS_NETWORK": robot.name}
     robot.wait_until_known(0.0)
     local = env | {"TFBUS_MODE": "client", "TFBUS_CONNECT": HERE}
-    image = ["--file", str(tmp_path / "image.npy"), "--quiet", "--rate", "1"]
+    image = ["--file", str(tmp_path / "image.npy"), "--quiet", "--rate", "15"]
     pub = ["-m", "tfbus", "topic", "pub", "camera", "Image", *image]
     camera = start("robot", *pub, env=local)
     viewer = start("desk", "-m", "tfbus", "topic", "hz", "camera", client=True, env=env)
@@ -164,4 +164,4 @@ def test_raw_images_arrive_beside_fresh_frames(robot: Robot, tmp_path: Path) -> 
     known = [json.loads(line)["frames"]["arm"] for line in robot.witness.out[before:]]
     assert not any(each["gone"] for each in known)
     assert statistics.median(each["age_s"] for each in known) < 0.5
-    camera.wait_for_line("Publish JPEG")
+    camera.wait_for_line("one is on its way")

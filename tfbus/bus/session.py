@@ -30,7 +30,7 @@ from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
-    LARGE_BATCHES,
+    VERY_LARGE_BYTES,
     datagram_ports,
     end_shared_memory,
     lease_s,
@@ -59,9 +59,6 @@ _LONGEST_QUERY_S = 1e9
 # News this soon after a token appeared that it is gone may be about the previous process's token:
 # `living_later` says whether one is there.
 ENDS_LATE_S = 10.0
-
-# On a bad network a message is named that takes more than this part of what waits for a link.
-_NAMED_FROM = 4
 
 QueryPriority = Literal["urgent", "usual", "background"]
 
@@ -248,10 +245,10 @@ class Session(NetworkSession):
         """A publisher of messages or of dynamic transforms, which are `urgent`: they go first.
 
         A congested link drops messages. A newer one makes an old one worthless, and a subscriber
-        that has stopped must not hold up the publisher's node, and with it all others. On a LAN
-        Zenoh's batching stays on: messages wait for others only while the link is busy. On a bad
-        network urgent ones are not sent again if they are lost, and the log says once of large ones
-        which of them are dropped.
+        that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
+        batching stays on: messages wait for others only while the link is busy. On a bad network
+        urgent ones are not sent again if they are lost, and of large messages one at a time is on
+        its way, which the log says once.
         """
         at, key = self.placed(key)
         with self._errors(f"publish {key}"):
@@ -264,20 +261,16 @@ class Session(NetworkSession):
         limits, name = self.settings.limits, self.settings.name
         if urgent or not self.network.is_bad:
             return BytesPublisher(key, publisher, limits, name)
-        waiting = LARGE_BATCHES * self.network.packet_bytes
-        tell = partial(self._say_large, key, waiting)
-        return BytesPublisher(
-            key, publisher, limits, name, large_from=waiting // _NAMED_FROM, tell=tell
-        )
+        tell = partial(self._say_large, key)
+        return BytesPublisher(key, publisher, limits, name, large_from=VERY_LARGE_BYTES, tell=tell)
 
-    def _say_large(self, key: str, waiting: int, size: int) -> None:
+    def _say_large(self, key: str, size: int) -> None:
         self._log.warning(
-            "Topic %r has messages of %s on network %r, where at most %s wait for a link: larger "
-            "ones, and more than it carries, are dropped. Publish JPEG (CompressedImage), or fewer",
+            "Topic %r has messages of %s on network %r: while one is on its way, the next ones are "
+            "dropped. More arrive if they are smaller, such as JPEG (CompressedImage), or fewer",
             key,
             size_text(size),
             self.network.name,
-            size_text(waiting),
         )
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:

@@ -31,9 +31,8 @@ class Network(Struct):
     counts as gone `gone_after_s` later unless it is back. With `has_datagrams`, peers and routers
     have a link of UDP beside each of TCP for dynamic transforms, which are not sent again if they
     are lost. Messages of dynamic transforms, and the packets of links, have at most so many bytes
-    (0: without bound); `urgent_batches` of these wait on a link, and of large messages sixteen.
-    A try to open a link ends after `open_s`; the next one follows after `retry_s`, twice as much
-    later, and at most `longest_s`.
+    (0: without bound); `urgent_batches` of these wait on a link. A try to open a link ends after
+    `open_s`; the next one follows after `retry_s`, twice as much later, and at most `longest_s`.
     Between hosts TCP takes further bytes only while fewer than `unsent_bytes` wait in it:
     transforms come after these, and before all that waits in Zenoh. With `tcp_bytes` it has at
     most so many that have not arrived yet, repeats lost packets at a steady pace, and measures
@@ -61,9 +60,7 @@ class Network(Struct):
 
 # A packet of a mobile network or a tunnel has 1,420 bytes or more. With the headers of IP, UDP and
 # Zenoh and the name of its key, a message of this size goes into one.
-# A transform waits for a packet of TCP that is being sent, so on a narrow link that is smaller;
-# sixteen whole ones hold a raw image of 900 kB.
-_WHOLE_PACKET, _NARROW_PACKET = 65535, 8192
+_PACKET = 1380
 _MESSAGE = 1200
 
 NETWORKS = {
@@ -76,7 +73,7 @@ NETWORKS = {
             gone_after_s=3.0,
             has_datagrams=True,
             message_bytes=_MESSAGE,
-            packet_bytes=_WHOLE_PACKET,
+            packet_bytes=_PACKET,
             urgent_batches=4,
             open_s=1.0,
             retry_s=0.25,
@@ -89,7 +86,7 @@ NETWORKS = {
             lease_s=4.0,
             gone_after_s=4.0,
             message_bytes=_MESSAGE,
-            packet_bytes=_NARROW_PACKET,
+            packet_bytes=_PACKET,
             urgent_batches=4,
             open_s=2.0,
             retry_s=0.25,
@@ -101,7 +98,7 @@ NETWORKS = {
             gone_after_s=6.0,
             has_datagrams=True,
             message_bytes=_MESSAGE,
-            packet_bytes=_WHOLE_PACKET,
+            packet_bytes=_PACKET,
             urgent_batches=4,
             open_s=2.5,
             retry_s=0.25,

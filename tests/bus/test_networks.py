@@ -119,21 +119,6 @@ def test_a_configuration_file_comes_first(tmp_path: Path) -> None:
     assert value_of("transport/link/tx/keep_alive", network="wifi", config=str(config)) == 8
 
 
-def test_large_messages_of_a_bad_network_go_one_at_a_time() -> None:
-    """Below the priority of others, very large ones below large ones; a LAN sends them as others,
-    and no link ends because one takes long.
-    """
-    of_large, of_very_large = value_of("qos/network", network="wifi")
-    sizes = [each["payload_size"].split("..") for each in (of_large, of_very_large)]
-    assert int(sizes[0][1]) + 1 == int(sizes[1][0])
-    overwritten = [each["overwrite"] for each in (of_large, of_very_large)]
-    assert [each["priority"] for each in overwritten] == ["data_low", "background"]
-    assert {each["congestion_control"] for each in overwritten} == {"block_first"}
-    assert value_of("qos/network") == []
-    wait_us = "transport/link/tx/queue/congestion_control/block/wait_before_close"
-    assert value_of(wait_us, network="mobile") > 60_000_000
-
-
 @pytest.mark.real
 @pytest.mark.parametrize(
     ("files", "expected"),

@@ -19,7 +19,6 @@ from tfbus.bus.zenoh_sockets import (
     admit_datagrams,
     end_datagrams,
     hold_back,
-    widen,
     with_sockets,
 )
 
@@ -187,26 +186,3 @@ def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> N
             while True:
                 taken[unsent_bytes] += one.send(bytes(65536))
     assert taken[4096] < taken[None]
-
-
-def test_a_link_within_a_host_takes_much_beyond_the_window_of_its_network(
-    closed_at_the_end: ExitStack,
-) -> None:
-    """A link that is widened takes more before it is read than the small window it began with."""
-    listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 8192)
-    waiting = {}
-    for is_wide in (False, True):
-        sending = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
-        receiving, _ = listening.accept()
-        closed_at_the_end.enter_context(receiving)
-        if is_wide:
-            ends = (receiving.getsockname, receiving.getpeername)
-            here, there = (":".join(map(str, end())) for end in ends)
-            widen({(here, there)})
-        sending.setblocking(False)
-        with suppress(BlockingIOError):
-            while True:
-                sending.send(bytes(4096))
-        waiting[is_wide] = len(receiving.recv(2**22, socket.MSG_PEEK))
-    assert waiting[True] > 2 * waiting[False]

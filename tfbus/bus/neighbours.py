@@ -42,7 +42,6 @@ from tfbus.bus.zenoh_sockets import (
     hold_back,
     received_by,
     shorten_close,
-    widen,
 )
 
 # Changes come in groups: an interface, its carrier, its addresses.
@@ -219,8 +218,7 @@ class Neighbours:
             beyond = {link for link in changes.new if not is_local(host_of(link.dst))}
             hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
-                fit_to_losses(_ends(beyond), self._network.tcp_bytes)
-                widen(_ends(changes.new - beyond))
+                fit_to_losses(_ends(changes.new), self._network.tcp_bytes)
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to the lost one's connection.
         if changes.half or changes.ended:

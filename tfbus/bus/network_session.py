@@ -139,25 +139,14 @@ class HeardWatch(_MatchWatch):
 
 
 class BytesPublisher(Declaration):
-    """Sends payloads on one key. Of the first one of `large_from` bytes or more it tells."""
+    """Sends payloads on one key."""
 
-    def __init__(
-        self,
-        key: str,
-        publisher: Any,
-        limits: Limits,
-        node: str = "",
-        *,
-        large_from: int | None = None,
-        tell: Callable[[int], None] = lambda size: None,
-    ):
+    def __init__(self, key: str, publisher: Any, limits: Limits, node: str = ""):
         super().__init__(publisher)
         self._node = node
         self._key = key
         self._limits = limits
         self._most = limits.limit_of(kind_of(key))
-        self._plain_up_to = self._most if large_from is None else min(self._most, large_from - 1)
-        self._tell = tell
 
     @property
     def heard(self) -> bool:
@@ -169,20 +158,13 @@ class BytesPublisher(Declaration):
 
         Raises BusError if the session is closed, or the payload larger than readers take.
         """
-        if len(payload) > self._plain_up_to:
-            self._note_large(len(payload))
+        if len(payload) > self._most:
+            mistake = self._limits.mistake_in(kind_of(self._key), len(payload))
+            raise BusError(f"could not publish {self._key}: {mistake}")
         try:
             self._declared.put(payload)
         except zenoh.ZError as error:
             raise as_bus_error(f"publish {self._key}", error, self._node) from error
-
-    def _note_large(self, size: int) -> None:
-        if size > self._most:
-            mistake = self._limits.mistake_in(kind_of(self._key), size)
-            raise BusError(f"could not publish {self._key}: {mistake}")
-        if self.heard:
-            self._plain_up_to = self._most
-            self._tell(size)
 
     def close(self) -> None:
         """End it; twice is fine, and so are other threads that send by it."""

@@ -30,7 +30,6 @@ from tfbus.bus.query import Answer, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
-    VERY_LARGE_BYTES,
     datagram_ports,
     end_shared_memory,
     lease_s,
@@ -41,7 +40,7 @@ from tfbus.bus.zenoh_config import (
 from tfbus.bus.zenoh_library import bus_errors, is_router_missing
 from tfbus.bus.zenoh_sockets import ZenohSockets, with_sockets
 from tfbus.wire.keys import relative
-from tfbus.wire.limits import kind_of_query, size_text
+from tfbus.wire.limits import kind_of_query
 
 # At most as many long answers are sent at a time, and as many queries wait for that.
 _LONG_ANSWERS = 4
@@ -247,8 +246,7 @@ class Session(NetworkSession):
         A congested link drops messages. A newer one makes an old one worthless, and a subscriber
         that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
         batching stays on: messages wait for others only while the link is busy. On a bad network
-        urgent ones are not sent again if they are lost, and of large messages one at a time is on
-        its way, which the log says once.
+        urgent ones are not sent again if they are lost.
         """
         at, key = self.placed(key)
         with self._errors(f"publish {key}"):
@@ -258,20 +256,7 @@ class Session(NetworkSession):
                 priority=_priority(urgent),
                 **self._lossy(urgent),
             )
-        limits, name = self.settings.limits, self.settings.name
-        if urgent or not self.network.is_bad:
-            return BytesPublisher(key, publisher, limits, name)
-        tell = partial(self._say_large, key)
-        return BytesPublisher(key, publisher, limits, name, large_from=VERY_LARGE_BYTES, tell=tell)
-
-    def _say_large(self, key: str, size: int) -> None:
-        self._log.warning(
-            "Topic %r has messages of %s on network %r: while one is on its way, the next ones are "
-            "dropped. More arrive if they are smaller, such as JPEG (CompressedImage), or fewer",
-            key,
-            size_text(size),
-            self.network.name,
-        )
+        return BytesPublisher(key, publisher, self.settings.limits, self.settings.name)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""

@@ -59,15 +59,6 @@ _LOCKED_AT_LEAST = 256_000_000
 # tries the offered protocols in any order, and a connection must not begin by datagrams.
 _LINK_PROTOCOLS = "transport/link/protocols"
 
-# The sizes from which messages of topics go out one at a time on a bad network. Of very large ones,
-# such as raw images, and of smaller ones, such as JPEG, one each: none starves the other.
-_LARGE_BYTES = 32_768
-VERY_LARGE_BYTES = 262_144
-
-# Zenoh ends a link that has not taken a message within this time, by default 5 s, in which 1 Mbit/s
-# carries 600 kB. One that is lost ends with its lease.
-_LONGEST_SEND_US = 600_000_000
-
 _INTERFACE = "scouting/multicast/interface"
 _DEFAULT_GROUP = "224.0.0.224:7446"
 _GROUP = re.compile(r"(\d+\.\d+\.\d+\.\d+):(\d+)")
@@ -217,30 +208,7 @@ def _of_bad_network(network: Network) -> dict[str, Any]:
         "transport/link/tx/batch_size": network.packet_bytes,
         # One that opens a link to us is not given up before it gives up itself.
         "transport/unicast/accept_timeout": round(network.open_s * 1e3),
-        "qos/network": _large_messages(),
-        "transport/link/tx/queue/congestion_control/block/wait_before_close": _LONGEST_SEND_US,
     }
-
-
-def _large_messages() -> list[dict[str, Any]]:
-    """How messages of topics go out for which a link may take longer than 50 ms. As others, they
-    would be dropped halfway.
-    """
-    return [
-        {
-            "messages": ["put"],
-            "flows": ["egress"],
-            "key_exprs": ["**"],
-            "qos": {"congestion_control": "drop", "priority": "data"},
-            "payload_size": sizes,
-            # Sent on a thread of Zenoh's, while further ones of this priority are dropped.
-            "overwrite": {"congestion_control": "block_first", "priority": priority},
-        }
-        for sizes, priority in (
-            (f"{_LARGE_BYTES}..{VERY_LARGE_BYTES - 1}", "data_low"),
-            (f"{VERY_LARGE_BYTES}..{_MOST_OF_ZENOH}", "background"),
-        )
-    ]
 
 
 def _with_datagrams(endpoints: Iterable[str]) -> list[str]:

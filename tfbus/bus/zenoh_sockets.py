@@ -22,13 +22,10 @@ _FILES = "/proc/self/fd"
 _CLOSE_WITHIN_S = 1
 
 # From Linux's <linux/tcp.h>; not every Python has names for them.
-_WINDOW_AT_MOST = 10
 _CONGESTION = 13
 _UNSENT_AT_MOST = 25
 _THIN_LINEAR_TIMEOUTS = 16
 _LONGEST_PAUSE_MS = 44
-
-_WIDE_BYTES = 1_048_576
 
 # Its `tcpi_bytes_received`, since Linux 4.1.
 _RECEIVED = struct.Struct("128xQ")
@@ -153,16 +150,6 @@ def hold_back(links: Container[Ends], unsent_bytes: int) -> None:
     for each in _connections(links):
         with suppress(OSError):  # the system has not got it
             each.setsockopt(socket.IPPROTO_TCP, _UNSENT_AT_MOST, unsent_bytes)
-
-
-def widen(links: Container[Ends]) -> None:
-    """Have these links of TCP take much before it is read, also where their sockets began with a
-    small window: a message of 900 kB stood still for seconds between two processes of a host.
-    """
-    for each in _connections(links):
-        with suppress(OSError):
-            each.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WIDE_BYTES)
-            each.setsockopt(socket.IPPROTO_TCP, _WINDOW_AT_MOST, _WIDE_BYTES)
 
 
 def fit_to_losses(links: Container[Ends], most_bytes: int) -> None:

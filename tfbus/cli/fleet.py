@@ -217,8 +217,11 @@ class _Lost:
                     _run_for(robot, "--on-back", self._on_back)
                 continue
             if name not in before and (name in former or robot.state == "missing" or is_excuse):
-                away_s = former.get(name, {True: 0.0, False: 0.0})
-                away_s[is_cut] += passed_s
+                away_s = former.get(name)
+                if away_s is None:  # it may have left just now
+                    away_s = {True: 0.0, False: 0.0}
+                else:
+                    away_s[is_cut] += passed_s
                 if max(away_s.values()) < self._grace_s:
                     self._away_s[name] = away_s
                     continue

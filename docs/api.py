@@ -68,7 +68,7 @@ guide](../guide/view.md).
 # Methods and constructors that only other parts of tfbus call, by their class: a listener, the
 # waits of the clock, the simulated network, the completion of a shell.
 _INNER = {
-    "Buffer": "announce ask_again count_sent_by disown expect_no_more expect_past forget interrupt"
+    "Buffer": "announce ask_again count_sent_by expect_no_more expect_past forget interrupt"
     " known_frame mark_gone remove_sent senders_of sent_by waiting watch_questions",
     "tfbus.buffer.formats": "branch",
     "tfbus.sensor_files": "read_compressed_image read_image write_cloud_npz write_jpeg write_pcd"

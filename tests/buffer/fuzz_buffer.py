@@ -151,7 +151,6 @@ class Fuzz:
             lambda: buffer.remove(some[0]),
             lambda: buffer.remove_sent(some, authority),
             lambda: buffer.forget(authority),
-            lambda: buffer.disown(authority, some),
             lambda: buffer.mark_gone(self.names, self.chance.random() < 0.5, authority),
             lambda: buffer.clear(after_ns=self.stamp()),
             buffer.clear,

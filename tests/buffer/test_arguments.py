@@ -274,7 +274,6 @@ def test_names_may_be_of_a_subclass_of_str(world: Any, robot: Any):
     assert buffer.sent_by(robot) == {"robot": 2}
     assert buffer.frame(robot).samples == 2
     buffer.mark_gone([robot], True, robot)
-    buffer.disown(robot, [robot])
     buffer.forget(robot, [robot])
     buffer.remove_sent([robot], robot)
     buffer.set_transform(stamped)

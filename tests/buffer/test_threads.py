@@ -200,7 +200,7 @@ def _meets_a_flood(columns: Columns) -> bool:
     return any(0 < each < columns.count for each in inserted)
 
 
-@pytest.mark.parametrize("name", ["forget", "disown", "remove_sent", "mark_gone", "senders_of"])
+@pytest.mark.parametrize("name", ["forget", "remove_sent", "mark_gone", "senders_of"])
 def test_lookups_go_on_while_many_frames_of_a_stream_change(name: str) -> None:
     """The lock is held for a few frames at a time."""
     buffer = Buffer()
@@ -215,7 +215,6 @@ def test_lookups_go_on_while_many_frames_of_a_stream_change(name: str) -> None:
 
     calls: dict[str, Callable[[], object]] = {
         "forget": lambda: buffer.forget("sim", names()),
-        "disown": lambda: buffer.disown("sim", names()),
         "remove_sent": lambda: buffer.remove_sent(names(), "sim"),
         "mark_gone": lambda: buffer.mark_gone(names(), True, "sim"),
         "senders_of": lambda: buffer.senders_of(names()),

@@ -41,12 +41,7 @@ class Frame:
     mixed_until: int | None = None
     authority: str = ""
     gone: bool = False
-    disowned: bool = False
     ended: bool = False
-
-    def yields_to(self, authority: str) -> bool:
-        """Whether this authority may take the place of the last one."""
-        return (self.gone or self.disowned) and self.authority != authority
 
     def newest(self) -> int | None:
         """The stamp of the newest sample."""
@@ -108,10 +103,9 @@ class Model:
     ) -> bool:
         """As `Buffer.set_transform`."""
         known = self.frames.get(child, Frame())
-        succeeds = known.yields_to(authority)
-        holds = not (known.gone or known.disowned or known.ended)
-        is_repeated = not static and known.static == (parent, x)
-        if is_repeated and holds and (not authority or authority != known.authority):
+        succeeds = known.gone and known.authority != authority
+        is_repeated = not static and known.static == (parent, x) and not known.gone
+        if is_repeated and not known.ended and (not authority or authority != known.authority):
             return True
         samples, newest, after = known.samples, known.newest(), parent
         if known.static and not static and newest is not None and samples[newest][0] is None:
@@ -127,9 +121,7 @@ class Model:
         frame = self.frames.setdefault(child, known)
         if samples is not frame.samples:
             frame.clear()
-        if succeeds and frame.disowned:
-            frame.clear()
-        elif succeeds:
+        if succeeds:
             frame.clear_after(stamp)
         if static:
             frame.static, frame.ended = (parent, x), False
@@ -137,7 +129,7 @@ class Model:
         else:
             self.add(frame, parent, stamp, x)
         if frame.authority != authority:
-            frame.authority, frame.gone, frame.disowned = authority, False, False
+            frame.authority, frame.gone = authority, False
         return True
 
     def add(self, frame: Frame, parent: str, stamp: int, x: float) -> None:
@@ -170,7 +162,7 @@ class Model:
         closing = above[: above.index(child)]
         edges = [self.frames[name] for name in closing]
         empty = [edge for edge in edges if edge.static is None and not edge.samples]
-        yielding = empty + [edge for edge in edges if edge.gone or edge.disowned or edge.ended]
+        yielding = empty + [edge for edge in edges if edge.gone or edge.ended]
         if not yielding:
             raise LoopException("a loop")
         yielding[0].__init__()
@@ -303,13 +295,6 @@ class TreeMachine(RuleBasedStateMachine):
         for frame in self.model.sent_by(authority).values():
             frame.clear()
             frame.ended = frame.static is not None
-
-    @rule(authority=authorities)
-    def disown(self, authority):
-        """An authority has lost its frames to others, which are to send them."""
-        self.buffer.disown(authority, FRAMES)
-        for frame in self.model.sent_by(authority).values():
-            frame.disowned = True
 
     @rule(authority=authorities, gone=st.booleans())
     def mark_gone(self, authority, gone):

@@ -319,17 +319,6 @@ class Buffer:
                 self._store.tree.forget(authority, some)
         self._store.waiters.wake_all()
 
-    def disown(self, authority: str, frames: Iterable[str]) -> None:
-        """Note that these frames, if this authority sent them last, are another's: its samples of
-        each hold until the first transform from another authority, which takes their place.
-        """
-        authority = check_text(authority, "authority")
-        if self._store.lock.later(self.disown, authority, frames):
-            return
-        for some in self._in_slices(frames):
-            with self._store.lock:
-                self._store.tree.disown(authority, some)
-
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Mark the frames that this authority sent last: their publisher is gone, or back."""
         authority = check_text(authority, "authority")

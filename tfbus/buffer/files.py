@@ -105,7 +105,6 @@ def _row(name: str, held: Held) -> dict[str, Any]:
         "parent": held.parent,
         "authority": held.authority,
         "gone": held.gone,
-        "disowned": held.disowned,
         "ended": held.ended,
         "conflicts": held.conflicts,
         "refused": held.refused,
@@ -274,7 +273,6 @@ def _held(
         else [None if at == _REMOVED else names[at] for at in parents.tolist()],
         mixed_until_ns=NO_DATA if until is None else _whole(until, NO_DATA, LONGEST_NS),
         # Files of earlier releases do not have these.
-        disowned=row.get("disowned") is True,
         ended=row.get("ended") is True,
         crowded_out=_whole(row.get("crowded_out", 0), 0, LONGEST_NS),
         interruptions={

@@ -61,7 +61,6 @@ cdef class Tree:
     @cython.locals(child=History, parent=History, after=History)
     cdef tuple _join(
         self, str parent_frame, str child_frame, long long stamp_ns, bint static, str authority)
-    cdef bint _yields_to(self, History child, str authority) noexcept
     cdef bint _is_only_repeated(
         self, History child, str parent_frame, pose_t pose, str authority) except -1
     cdef _note_crowded(self, History child)
@@ -84,8 +83,6 @@ cdef class Tree:
     cpdef dict sent_by(self, str authority, frames)
     @cython.locals(history=History, sent=dict)
     cpdef forget(self, str authority, frames)
-    @cython.locals(history=History, sent=dict)
-    cpdef disown(self, str authority, frames)
     @cython.locals(history=History, sent=dict)
     cpdef mark_gone(self, frames, bint gone, str authority)
     @cython.locals(history=History)

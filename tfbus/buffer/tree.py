@@ -321,7 +321,8 @@ class Tree:
         Raises InvalidArgumentException and LoopException; then nothing has changed.
         """
         child = self.frames.get(child_frame)
-        succeeds = child is not None and self._yields_to(child, authority)
+        # A gone publisher's samples of later times do not stand in the way of its successor.
+        succeeds = child is not None and child.gone and child.authority != authority
         if (
             child is None
             or child.parent is None
@@ -337,9 +338,7 @@ class Tree:
             child, parent = self._join(parent_frame, child_frame, stamp_ns, static, authority)
         else:
             parent = child.parent
-        if succeeds and child.disowned:
-            child.forget_samples()
-        elif succeeds:
+        if succeeds:
             child.forget_after(stamp_ns)
         if static:
             if not child.samples.is_static and child.count():
@@ -373,15 +372,9 @@ class Tree:
         """
         if authority and authority == child.authority:
             return False
-        if child.gone or child.disowned or child.ended:
+        if child.gone or child.ended:
             return False
         return child.is_repeated_by(parent_frame, pose)
-
-    def _yields_to(self, child: History, authority: str) -> bool:
-        """Whether samples that the last publisher of a frame has sent do not stand in the way of
-        this one: of a gone publisher those of later times, of a frame that is another's all.
-        """
-        return (child.gone or child.disowned) and child.authority != authority
 
     def _note_crowded(self, child: History) -> None:
         if child.crowded_out == 1:
@@ -398,7 +391,6 @@ class Tree:
             self.senders.setdefault(authority, {})[child.name] = child
         self._set_gone(child, False, authority, stamp_ns)
         child.authority = authority
-        child.disowned = False
         self.assignments += 1
 
     def _set_gone(self, child: History, gone: bool, authority: str, stamp_ns: int) -> None:
@@ -429,7 +421,7 @@ class Tree:
         if child is None:
             child = History(child_frame)
         after = parent
-        if child.parent is not None and not self._yields_to(child, authority):
+        if child.parent is not None and not (child.gone and child.authority != authority):
             # Its samples decide.
             child.forget_removed()
             if not static and child.is_too_old(stamp_ns, self.cache_ns):
@@ -484,14 +476,14 @@ class Tree:
         )
 
     def _yielding(self, closing: list[History]) -> History | None:
-        """The edge that yields to a new one: one without samples, or whose publisher is gone, has
-        begun a new epoch, or has lost the frame to another. None if all of them hold.
+        """The edge that yields to a new one: one without samples, or whose publisher is gone or has
+        begun a new epoch. None if all of them hold.
         """
         for history in closing:
             if history.count() == 0:
                 return history
         for history in closing:
-            if history.gone or history.disowned or history.ended:
+            if history.gone or history.ended:
                 return history
         return None
 
@@ -536,14 +528,6 @@ class Tree:
             if history is not None:
                 history.forget_samples()
                 history.ended = history.static
-
-    def disown(self, authority: str, frames: Iterable[str]) -> None:
-        """Have the next publisher of frames that an authority sent last replace its samples."""
-        sent = self.senders.get(authority, {})
-        for frame in frames:
-            history = sent.get(frame)
-            if history is not None:
-                history.disowned = True
 
     def mark_gone(self, frames: Iterable[str], gone: bool, authority: str) -> None:
         """Mark the frames that the authority sent last."""

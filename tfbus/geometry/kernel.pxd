@@ -136,7 +136,7 @@ cdef class History:
     cdef double ratio
     cdef long long beyond, mixed_until
     cdef public str authority
-    cdef public bint gone, disowned, ended, removed
+    cdef public bint gone, ended, removed
     cdef readonly Py_ssize_t children
     cdef readonly long long conflicts, refused, crowded_out
     cdef dict paths

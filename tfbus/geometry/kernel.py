@@ -560,10 +560,9 @@ class History:
     `interruptions` has, by the stamp of the last sample before it, why nothing is known of the time
     until the next sample; None if there is none.
 
-    `gone` is whether its publisher is gone, `disowned` whether the frame belongs to another one by
-    now, and `ended` whether it is a static pose from a former epoch of its publisher, which the
-    present one has not repeated so far. `crowded_out` counts samples that were dropped because
-    there were too many.
+    `gone` is whether its publisher is gone, `ended` whether it is a static pose from a former epoch
+    of its publisher, which the present one has not repeated so far. `crowded_out` counts samples
+    that were dropped because there were too many.
 
     Reading takes two steps: `seek` sets the cursor to a time, `pose` reads there.
 
@@ -587,7 +586,6 @@ class History:
         self.static_stamp = 0
         self.authority = ""
         self.gone = False
-        self.disowned = False
         self.ended = False
         self.removed = False
         self.children = 0
@@ -792,7 +790,6 @@ class History:
             poses=np.asarray(self.poses).reshape(-1, 7)[places] if count else np.zeros((0, 7)),
             parents=None if self.parents is None else [_name_of(self.parents[i]) for i in places],
             mixed_until_ns=self.mixed_until,
-            disowned=self.disowned,
             ended=self.ended,
             crowded_out=self.crowded_out,
             interruptions=dict(self.interruptions or {}),
@@ -803,8 +800,7 @@ class History:
     def restore(self, held: Held, frames: "dict[str, History]") -> None:
         """Hold this, which was checked, and nothing else; `frames` has the parents."""
         self.set_parent(None if held.parent is None else frames[held.parent])
-        self.authority, self.gone = held.authority, held.gone
-        self.disowned, self.ended = held.disowned, held.ended
+        self.authority, self.gone, self.ended = held.authority, held.gone, held.ended
         self.conflicts, self.refused = held.conflicts, held.refused
         self.crowded_out = held.crowded_out
         self.forget_samples()

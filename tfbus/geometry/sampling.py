@@ -88,7 +88,6 @@ class Held(Struct, eq=False):
     poses: NDArray[np.float64]
     parents: list[str | None] | None
     mixed_until_ns: int
-    disowned: bool
     ended: bool
     crowded_out: int
     interruptions: dict[int, str] = field(default_factory=dict)

@@ -377,7 +377,7 @@ class Conflicts:
             for sender in self._known(sorted(senders.keys() - {name})):
                 unlisted = senders[sender.name] - sender.facts.listing.children
                 if unlisted:
-                    self._buffer.disown(sender.name, unlisted)
+                    stream.contest.inherit(unlisted, sender.name)
                     stream.statics.apply(unlisted)
 
     def claimed_by_others(self, name: str, children: frozenset[str]) -> frozenset[str]:
@@ -394,7 +394,7 @@ class Conflicts:
         listed = [each.facts.listing.children for each in self._known([name])]
         for each in self._known(each for each in resolutions if each != name):
             accepted = resolutions[each.name].accepted
-            self._buffer.disown(name, accepted.difference(*listed))
+            each.contest.inherit(accepted.difference(*listed), name)
             each.statics.apply(accepted)
 
     def _report(self, conflict: Conflict) -> None:

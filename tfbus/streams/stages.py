@@ -337,6 +337,8 @@ class Contest:
         self._now_s = now_s
         # The judgements of its messages' frames, mostly the same from one to the next.
         self._judged = FoundOfRows(_MOST_JUDGED_ROWS)
+        # By frame the stream that it is taken from with the next message that has it.
+        self._inherits: dict[str, str] = {}
         # When it first sent a frame that others list, and it did not.
         self._claimed_s = math.inf
 
@@ -360,6 +362,8 @@ class Contest:
                 self._around.on_unlisted(self._facts.name, judged.unlisted)
             if claimed := self._around.claimed_by_others(self._facts.name, judged.unlisted):
                 rows = self._without_claimed(rows, claimed)
+        if self._inherits:
+            self._take_over(rows)
         return rows
 
     def exclude(self, accepted: Set[str], rejected: Set[str]) -> bool:
@@ -374,6 +378,12 @@ class Contest:
         # Its earlier samples lie between the other publisher's samples, or in their future.
         self._facts.buffer.forget(self._facts.name, excluded - former)
         return True
+
+    def inherit(self, frames: Collection[str], sender: str) -> None:
+        """Take these frames, which it lists, from a stream that does not: the other's samples of a
+        frame are dropped when this stream sends it, so that none is missing meanwhile.
+        """
+        self._inherits.update(dict.fromkeys(frames, sender))
 
     def _judge(self, rows: Columns) -> tuple[Columns, _Judged]:
         """The rows that may come, and the judgement of all rows like these until the stream lists
@@ -406,6 +416,12 @@ class Contest:
                 self._facts.name,
             )
         return self._without(rows, claimed)
+
+    def _take_over(self, rows: Columns) -> None:
+        for child in rows.children() & self._inherits.keys():
+            sender = self._inherits.pop(child, None)
+            if sender is not None:
+                self._facts.buffer.forget(sender, [child])
 
 
 class Insertion:

@@ -265,7 +265,7 @@ _HUB = "tcp/outside:7447"
 
 
 def _watch_of_two(
-    bus: Bus, monkeypatch: pytest.MonkeyPatch
+    bus: Bus, monkeypatch: pytest.MonkeyPatch, *options: str
 ) -> tuple[list[tuple[str, str]], Callable[[], None], Program]:
     """The options that have run, each with its robot; a function that starts the hub; and a watch
     with a grace of 20 s, of robot2 and robot3, which are there.
@@ -287,7 +287,8 @@ def _watch_of_two(
             robot(bus, number, mode="client", connect=(_HUB,))
     commands = ("--on-gone", "alarm", "--on-back", "calm", "--grace", "20")
     join = ("--mode", "client", "--connect", _HUB)
-    program = bus.start("fleet", "--watch", "--expect", "robot[2-3]", *commands, *join)
+    expect = ("--expect", "robot[2-3]")
+    program = bus.start("fleet", "--watch", *expect, *commands, *join, *options)
     eventually(lambda: "2 of 2 robots there" in program.stdout)
     return ran, start_hub, program
 
@@ -327,4 +328,18 @@ def test_a_watch_whose_link_comes_and_goes_misses_no_lost_robot(
         start_hub()
         bus.network.run(10.0)
     assert ran == [("--on-gone", "robot3")]
+    program.stop()
+
+
+def test_a_watch_that_looks_rarely_blames_no_robot_at_its_first_look(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A robot that left since the last look may have left just now."""
+    ran, start_hub, program = _watch_of_two(bus, monkeypatch, "--period", "30")
+    bus.network.kill("outside/hub")
+    eventually(lambda: f"No link to {_HUB}" in program.stdout)
+    start_hub()
+    bus.network.run(90.0)
+    assert "2 of 2 robots there" in program.stdout.rpartition("No link")[2]
+    assert ran == []
     program.stop()

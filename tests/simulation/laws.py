@@ -4,6 +4,7 @@ They are laws of listeners whose network has been calm for a while: their proces
 publisher run, and the paths between are up, quick and without loss.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -480,8 +481,10 @@ class Laws:
             return
         slot = change.frame.partition("_")[0]
         now_s, within_s = self._run.now_s, GONE_WITHIN_S * self._patience
+        judges_s = self._judges_s(part)
+        paused_s = judges_s if judges_s > part.began_s else -math.inf
         for publisher in self._run.publishers.get(slot, ()):
-            died_s = max(self.died_s.get(publisher.number, now_s), self._judges_s(part))
+            died_s = max(self.died_s.get(publisher.number, now_s), paused_s)
             if change.frame in publisher.ever_sent and now_s - died_s < within_s:
                 return
         if slot in self._run.publishers:

@@ -102,7 +102,8 @@ def test_the_end_of_a_process_is_under_way_for_longer_where_tasks_stall(
     change = Change("publisher back", "p35_moving", "world", "world", "p35", "p35", 0)
     with run.network as network:
         host = network.host("h0")
-        process = network.start(host.name, "l9", lambda: None)
+        process = run.readers["l9"] = network.start(host.name, "l9", lambda: None)
+        run.laws.note_calm()
         run.laws.died_s[publisher.number] = run.now_s - 20.0
         run.laws.check_change(Part("l9", process, None, None, None, Told(tfbus.Buffer())), change)
     assert bool(run.violations) is not is_allowed

@@ -454,7 +454,8 @@ class RobotScenes:
             if len(self._foreign) >= _MOST_FOREIGN:
                 return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
             source = self._foreign[name] = found
-            self._loader.load(source, "markers")
+        # Again, as the loader may have forgotten it before it had its name here.
+        self._loader.load(source, "markers")
         return self._loader.found(source)
 
     def _free(self, names: Collection[str]) -> None:

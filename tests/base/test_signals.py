@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.buses import eventually
+from tests.buses import DEADLINE_S, eventually
 from tests.fakes import InAThread
 from tfbus.base import scheduler
 from tfbus.base.lazy_exports import exported
@@ -129,6 +129,21 @@ def test_ctrl_c_counts_though_an_import_swallows_it(
     with pytest.raises(KeyboardInterrupt):
         exported("tfbus", {"name": "swallowing"})[0]("name")
     assert sys.modules.pop("swallowing").name == 1
+    assert signals.stopped
+
+
+class _Ending:
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_counts_though_a_finalizer_swallows_it(signals: StopSignals) -> None:
+    """Python drops the errors of finalizers, such as that of a child process that has ended: it
+    raises after that.
+    """
+    with pytest.raises(KeyboardInterrupt):
+        _Ending()
+        threading.Event().wait(DEADLINE_S)
     assert signals.stopped
 
 

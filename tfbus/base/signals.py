@@ -333,6 +333,7 @@ class SignalHandlers:
         # Signals that have come within `postponed`; None outside of it.
         self.postponed: set[int] | None = None
         self._interrupted_s = -math.inf
+        self._former_hook: Callable[[Any], object] | None = None
 
     def install(self, signals: StopSignals) -> None:
         """Signals are for this object too, in the main thread."""
@@ -341,6 +342,7 @@ class SignalHandlers:
                 self.previous[number] = signal.signal(number, self.on_signal)
             if not scheduler.is_simulated:
                 _poker.install()
+                self._former_hook, sys.unraisablehook = sys.unraisablehook, self.on_unraisable
         self.installed.append(signals)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -360,6 +362,13 @@ class SignalHandlers:
             self._interrupted_s = now_s
             raise KeyboardInterrupt
 
+    def on_unraisable(self, unraisable: Any) -> None:
+        """Raise KeyboardInterrupt again if the signal came in a finalizer, which swallows it."""
+        if issubclass(unraisable.exc_type, KeyboardInterrupt) and self.installed:
+            interrupt_again()
+        else:
+            (self._former_hook or sys.__unraisablehook__)(unraisable)
+
     def forget_interrupt(self) -> None:
         """Raise KeyboardInterrupt at the next signal, however soon it comes."""
         self._interrupted_s = -math.inf
@@ -368,6 +377,8 @@ class SignalHandlers:
         """The handlers of before."""
         if not scheduler.is_simulated:
             _poker.uninstall()
+            if sys.unraisablehook == self.on_unraisable:
+                sys.unraisablehook = self._former_hook or sys.__unraisablehook__
         for number, previous in self.previous.items():
             # Bound methods are made anew each time: equal, never the same.
             if signal.getsignal(number) in (self.on_signal, _poker.on_poke):

@@ -32,6 +32,10 @@ KERNEL = (
     "tfbus.buffer.buffer",
 )
 
+# Cython's views of memory, once for all of these: 120 kB of machine code and four classes, which
+# each would have for itself. Made by Cython, and without a source of ours.
+SHARED = "tfbus.geometry.cython_shared"
+
 # Those that do arithmetic on poses.
 HOT = (
     "tfbus.geometry.kernel",
@@ -74,24 +78,33 @@ def has_compiler() -> bool:
     return sys.platform == "win32" or shutil.which(compiler()) is not None
 
 
+def c_file(name: str) -> str:
+    """The C of a module."""
+    return f"{name.replace('.', '/')}.c"
+
+
 def kernel_extensions() -> list[Extension]:
     is_pure = os.environ.get("TFBUS_PURE_PYTHON", "") not in ("", "0")
     if is_pure or not BUILDS.intersection(sys.argv):
         return []
     if not has_compiler():
         # Nothing has to be translated: the build says that there is none.
-        return [Extension(name, [f"{name.replace('.', '/')}.c"]) for name in KERNEL]
+        return [Extension(name, [c_file(name)]) for name in KERNEL]
     from Cython.Build import cythonize
 
     extensions: list[Extension] = cythonize(
         [
-            Extension(
-                name,
-                [f"{name.replace('.', '/')}.py"],
-                extra_compile_args=[*FLAGS, *(ARITHMETIC if name in HOT else [])],
-            )
-            for name in KERNEL
+            Extension(SHARED, [c_file(SHARED)], extra_compile_args=FLAGS),
+            *(
+                Extension(
+                    name,
+                    [f"{name.replace('.', '/')}.py"],
+                    extra_compile_args=[*FLAGS, *(ARITHMETIC if name in HOT else [])],
+                )
+                for name in KERNEL
+            ),
         ],
+        shared_utility_qualified_name=SHARED,
         build_dir="build",
         nthreads=0 if sys.platform == "win32" else os.cpu_count(),
         compiler_directives={

@@ -39,33 +39,33 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_a_clone_says_its_commit(clone: Path) -> None:
     """Seven digits of it."""
-    assert commit_of_clone(clone) == f"clone at {git(clone, 'rev-parse', 'HEAD')[:7]}"
+    assert commit_of_clone(str(clone)) == f"clone at {git(clone, 'rev-parse', 'HEAD')[:7]}"
 
 
 def test_a_changed_clone_says_so(clone: Path) -> None:
     """A file that git does not have is no change: each build makes some."""
     (clone / "build.log").write_text("")
-    assert not commit_of_clone(clone).endswith("changed")
+    assert not commit_of_clone(str(clone)).endswith("changed")
     (clone / "pyproject.toml").write_text("[project]")
-    assert commit_of_clone(clone).endswith(", changed")
+    assert commit_of_clone(str(clone)).endswith(", changed")
 
 
 def test_without_git_it_is_a_clone_alone(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing else reads the repository."""
     monkeypatch.setenv("PATH", "")
-    assert commit_of_clone(clone) == "clone"
+    assert commit_of_clone(str(clone)) == "clone"
 
 
 def test_a_broken_repository_is_no_error(clone: Path) -> None:
     """The version is said without a commit."""
     (clone / ".git" / "HEAD").write_text("\0")
-    assert commit_of_clone(clone) == "clone"
+    assert commit_of_clone(str(clone)) == "clone"
 
 
 def test_an_installed_package_is_no_clone(tmp_path: Path) -> None:
     """Even where an environment lies in the repository of something else."""
     (tmp_path / ".git").mkdir()
-    assert commit_of_clone(tmp_path) == ""
+    assert commit_of_clone(str(tmp_path)) == ""
 
 
 def test_the_version_stands_in_one_place() -> None:

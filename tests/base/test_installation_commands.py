@@ -26,15 +26,15 @@ def test_sources_that_are_not_installed_are_named_by_their_folder(
         raise metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(metadata, "distribution", missing)
-    assert install_command("bag", tmp_path).endswith(f"--editable '{tmp_path}[bag]'")
+    assert install_command("bag", str(tmp_path)).endswith(f"--editable '{tmp_path}[bag]'")
 
 
 def test_the_kernel_is_compiled_by_the_command_for_a_clone_or_a_wheel(tmp_path: Path) -> None:
     """A clone is installed in place; a wheel is made again from the sources of an index."""
-    assert compile_command(tmp_path).endswith("--no-binary tfbus tfbus")
+    assert compile_command(str(tmp_path)).endswith("--no-binary tfbus tfbus")
     for name in ("setup.py", "pyproject.toml"):
         (tmp_path / name).touch()
-    assert compile_command(tmp_path).endswith(f"--editable {tmp_path}")
+    assert compile_command(str(tmp_path)).endswith(f"--editable {tmp_path}")
 
 
 def test_in_the_environment_that_make_has_made_the_kernel_is_made_by_make(
@@ -44,7 +44,7 @@ def test_in_the_environment_that_make_has_made_the_kernel_is_made_by_make(
     for name in ("setup.py", "pyproject.toml", "Makefile"):
         (tmp_path / name).touch()
     monkeypatch.setattr(sys, "prefix", str(tmp_path / ".venv"))
-    assert compile_command(tmp_path) == f"make -C {tmp_path} kernel"
+    assert compile_command(str(tmp_path)) == f"make -C {tmp_path} kernel"
 
 
 def test_the_pip_is_that_of_this_python(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 import math
+import os
 import sys
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from tfbus.base import scheduler
@@ -122,10 +122,10 @@ class SourceSignature:
         written = next(each for each in owner.__mro__ if vars(each).get("__signature__") is self)
         above = owner.__mro__[: owner.__mro__.index(written)]
         module = sys.modules[written.__module__]
-        source = Path(module.__file__ or "")
         if any("__init__" in vars(each) for each in above):
             raise AttributeError("__signature__")
-        source = source.with_name(source.name.partition(".")[0] + ".py")
+        folder, name = os.path.split(module.__file__ or "")
+        source = os.path.join(folder, name.partition(".")[0] + ".py")
         try:
             arguments = _init_of(source, written.__name__)
         except (OSError, StopIteration, SyntaxError):
@@ -133,10 +133,11 @@ class SourceSignature:
         return _signature(arguments, vars(module))
 
 
-def _init_of(source: Path, name: str) -> ast.arguments:
+def _init_of(source: str, name: str) -> ast.arguments:
     import ast  # slow, as is inspect below, and a node needs neither
 
-    body = ast.parse(source.read_text(encoding="utf-8")).body
+    with open(source, encoding="utf-8") as file:
+        body = ast.parse(file.read()).body
     written = next(node for node in body if isinstance(node, ast.ClassDef) and node.name == name)
     return next(
         node.args

@@ -14,7 +14,7 @@ _MOST_COUNTED = 1000
 _MOST_COMPARED = 64
 
 # Python reads no number of more than 4,300 digits.
-_DIGITS = re.compile(r"([0-9]{1,1000})")
+_DIGITS = r"([0-9]{1,1000})"
 
 
 def counted(count: int, noun: str) -> str:
@@ -24,7 +24,7 @@ def counted(count: int, noun: str) -> str:
 
 def natural_order(name: str) -> tuple[object, ...]:
     """The key by which lists of names are sorted: numbers count as such, robot2 before robot10."""
-    parts = _DIGITS.split(name)
+    parts = re.split(_DIGITS, name)
     return tuple(int(part) if at % 2 else part for at, part in enumerate(parts)), name
 
 

@@ -4,7 +4,6 @@ import os
 import re
 import socket
 from collections.abc import Iterable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -273,7 +272,7 @@ class NodeSettings(Struct):
             check_endpoint(endpoint)
         for what, kind in (("config", str), ("sim_time", bool), ("limits", Limits)):
             _check_type(what, getattr(self, what), kind)
-        if self.config and not Path(self.config).is_file():
+        if self.config and not os.path.isfile(self.config):
             raise SettingsError(f"there is no configuration file {self.config!r}")
         if self.secure:
             from tfbus.bus.identity_folder import (

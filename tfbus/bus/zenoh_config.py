@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Iterable
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import zenoh
@@ -184,8 +183,8 @@ def lockable_bytes() -> int:
     except ImportError:  # Windows
         return unlimited
     with suppress(OSError, StopIteration, ValueError):  # not Linux
-        lines = Path("/proc/self/status").read_text().splitlines()
-        capabilities = next(line for line in lines if line.startswith("CapEff:"))
+        with open("/proc/self/status") as lines:
+            capabilities = next(line for line in lines if line.startswith("CapEff:"))
         if int(capabilities.split()[1], 16) & _MAY_LOCK_ALL:
             return unlimited
     soft = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
@@ -239,9 +238,10 @@ def _with_access_control(config: zenoh.Config, control: dict[str, Any]) -> zenoh
 
     whole = json.dumps({**json.loads(str(config)), "access_control": control})
     with tempfile.TemporaryDirectory(prefix="tfbus") as folder:
-        path = Path(folder) / "zenoh.yaml"
-        path.write_text(whole, encoding="utf-8")
-        return zenoh.Config.from_file(str(path))
+        path = os.path.join(folder, "zenoh.yaml")
+        with open(path, "w", encoding="utf-8") as file:
+            file.write(whole)
+        return zenoh.Config.from_file(path)
 
 
 def _encrypted(folder: "SecureFolder", window: int | None, *, carried: bool) -> dict[str, Any]:
@@ -361,7 +361,8 @@ def _named_in_file(path: str) -> Any:
     """The keys that the file itself sets: in Zenoh's configuration it looks like the defaults."""
     if not path:
         return {}
-    text = Path(path).read_text(encoding="utf-8")
+    with open(path, encoding="utf-8") as file:
+        text = file.read()
     if path.endswith(".yaml"):
         import yaml  # slow to import, and most sessions have no such file
 

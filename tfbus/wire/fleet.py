@@ -106,7 +106,7 @@ def shared_name(first: str, second: str) -> str:
 # A longer roster is a mistake in its range.
 _MOST_ROBOTS = 10_000
 
-_RANGES = re.compile(r"\[([^\[\]]*)\]")
+_RANGES = r"\[([^\[\]]*)\]"
 
 
 def roster_of(names: Iterable[str]) -> tuple[str, ...]:
@@ -131,7 +131,7 @@ def roster_of(names: Iterable[str]) -> tuple[str, ...]:
 
 def _expanded(name: str) -> Iterator[str]:
     """The names of a pattern: of its first range, then of the others."""
-    ranges = _RANGES.search(name)
+    ranges = re.search(_RANGES, name)
     if ranges is None:
         if "[" in name or "]" in name:
             raise _no_range(name)

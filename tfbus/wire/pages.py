@@ -1,7 +1,6 @@
 """Pages of kept messages: answers to a query for earlier messages, one part at a time."""
 
 import math
-import zlib
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -48,6 +47,8 @@ class Page(NamedTuple):
 
 def encode_page(page: Page) -> bytes:
     """The payload of a page."""
+    import zlib  # 0.2 MB, and most nodes never send or read a page
+
     rows = zlib.compress(msgpack.packb([tuple(each) for each in page.messages]), _LEVEL)
     said = {"page": VERSION, "next": page.next, "left_s": page.left_s, "now": page.now_ns}
     packed: bytes = msgpack.packb({**said, "messages": rows})
@@ -79,6 +80,8 @@ def decode_page(payload: bytes) -> Page:
 
 
 def _rows(packed: bytes) -> list[Any]:
+    import zlib  # as above
+
     inflating = zlib.decompressobj()
     try:
         plain = inflating.decompress(packed, _MOST_BYTES)

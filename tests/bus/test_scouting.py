@@ -2,6 +2,7 @@
 
 import pytest
 
+from tfbus.base.structs import replace
 from tfbus.bus.scouting import Hello, decode_hello, encode_hello, encode_scout, is_scout_for
 
 # A peer at two addresses, and a router without any.
@@ -19,7 +20,7 @@ def test_a_hello_has_zenohs_bytes(hello: Hello, message: bytes) -> None:
 
 def test_a_locator_may_be_long() -> None:
     """Lengths beyond 127 take two bytes."""
-    hello = PEER._replace(locators=("tcp/" + "h" * 200 + ":1",))
+    hello = replace(PEER, locators=("tcp/" + "h" * 200 + ":1",))
     assert decode_hello(encode_hello(hello)) == hello
 
 

@@ -3,7 +3,9 @@
 import socket
 import struct
 import sys
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
+
+from tfbus.base.structs import Struct
 
 if TYPE_CHECKING:
     import ipaddress
@@ -79,7 +81,7 @@ _RUNNING = 0x40
 _MULTICAST = 0x1000
 
 
-class Interface(NamedTuple):
+class Interface(Struct):
     """A network interface of this host: whether it is up, has a carrier, and carries multicast.
 
     `address` is its first one of IPv4, "" for none. `number` is another one once the interface is

@@ -7,10 +7,11 @@ import logging
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple
+from typing import Any
 
 from tfbus.base import scheduler
 from tfbus.base.log import LogOnce
+from tfbus.base.structs import Struct
 from tfbus.base.wording import duration
 
 Job = Callable[[], None]
@@ -222,7 +223,7 @@ _REMEDY = (
 )
 
 
-class Ran(NamedTuple):
+class Ran(Struct):
     """A callback that ran, or still runs: its name, when, by scheduler.monotonic(), and how many
     seconds of that it waited for a CPU.
     """

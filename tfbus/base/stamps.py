@@ -1,9 +1,10 @@
 """Stamps: from seconds, datetime and datetime64; in another unit, or of another clock."""
 
 from math import isfinite
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, overload
 
 from tfbus.base.errors import InvalidArgumentException
+from tfbus.base.structs import Struct
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -58,7 +59,7 @@ def other_unit(stamp_ns: int, near_ns: int) -> str:
     return ""
 
 
-class Mistake(NamedTuple):
+class Mistake(Struct):
     """The mistake of a stamp, and the advice, each as a part of a sentence."""
 
     fact: str

@@ -8,14 +8,13 @@ import struct
 from collections.abc import Container, Iterable
 from contextlib import suppress
 from functools import cache
-from typing import NamedTuple
 
 import zenoh
 
 from tfbus.base import scheduler
 from tfbus.base.addresses import Interface, is_local, scouted
 from tfbus.base.bounded import Bounded
-from tfbus.base.structs import Struct
+from tfbus.base.structs import Struct, replace
 from tfbus.bus.links import Links, host_of, split_endpoint
 from tfbus.bus.zenoh_sockets import SocketMarks, ZenohSockets
 
@@ -35,7 +34,7 @@ _MOST_LOCATORS = 64
 LARGEST = 8192
 
 
-class Hello(NamedTuple):
+class Hello(Struct):
     """The id, the role ("router", "peer", "client") and the locators of a session."""
 
     zid: str
@@ -334,7 +333,7 @@ class Scouts:
         at_host = tuple(each for each in hello.locators if host_of(each) == host)
         if not (locators := at_host or hello.locators):
             return
-        message = encode_hello(hello._replace(locators=locators))
+        message = encode_hello(replace(hello, locators=locators))
         with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as to_zenoh:
             to_zenoh.sendto(message, ("127.0.0.1", self._zenoh.asking[0]))
 

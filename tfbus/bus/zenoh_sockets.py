@@ -245,7 +245,7 @@ def _end_session(one: socket.socket) -> None:
             one.sendto(_CLOSE_SESSION, far)
 
 
-class Received(NamedTuple):
+class Received(Struct):
     """The bytes that have come by a link: those that were read, and those that wait for it."""
 
     read: int

@@ -65,7 +65,7 @@ class _Publisher(Struct, frozen=False):
     has_warned: bool = False
 
 
-class _Answered(NamedTuple):
+class _Answered(Struct):
     """A sample of the clock that was asked under this number; None for the end of the question."""
 
     number: int

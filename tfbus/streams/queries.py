@@ -15,7 +15,6 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import NamedTuple
 
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
@@ -48,7 +47,7 @@ def _answer_within_s(turn: int) -> float:
     return ANSWER_WITHIN_S if turn < PATIENT_FROM_TURN else _LATE_ANSWER_WITHIN_S
 
 
-class StreamQuestion(NamedTuple):
+class StreamQuestion(Struct):
     """A question to the publishers of streams, at a selector. The keys of answers are within
     `answers_at` if that is not the selector's.
 

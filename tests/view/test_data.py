@@ -51,6 +51,7 @@ from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import (
     TopicSettings,
     ViewSettings,
+    ViewState,
     load_settings,
     save_settings,
     topic_named,
@@ -598,6 +599,32 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
     assert found == [[0.0], [0.0], [1.0], [0.0], [2.0], [0.0]]
 
 
+def test_a_topic_is_shown_twice_by_settings_of_each(buffer: Buffer) -> None:
+    """One cloud by its height and by its intensity, and once again without the second name."""
+    view = ViewState(ViewSettings(topics=(TopicSettings("points", color="height"),)))
+    view.show_again("points")
+    view.show_again("points#2")
+    view.change_topic("points#2", color="intensity", color_min=0.0, color_max=9.0)
+    view.forget_topic("points#3")
+    source = MagicMock(is_recorded=False)
+    ends = (Endpoint("/lidar", type_name(PointCloud)),)
+    source.topics.return_value = {"points": TopicInfo("points", ends)}
+    source.catch_up.side_effect = float
+    seen = cloud(2 * S, intensity=np.array([5.0]))
+    source.waiting.side_effect = {
+        name: layer_of(seen).waiting for name in ("points", "points#2", "points#3")
+    }.get
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    found = []
+    for forgotten in ("", "points#2"):
+        view.forget_topic(forgotten)
+        scenes.see(buffer, "map", view.settings, is_held=False, is_watched=True)
+        scenes.close()  # its thread ends: the steps are those here
+        scenes.step(0.0)
+        found.append({name: layer.span for name, layer in scenes.layers.items()})
+    assert found == [{"points": (0.0, 0.0), "points#2": (0.0, 9.0)}, {"points": (0.0, 0.0)}]
+
+
 def test_the_settings_of_topics_are_saved_and_read(tmp_path: PathOfFile) -> None:
     """Wrong ones are refused by name."""
     chosen = TopicSettings(
@@ -631,16 +658,18 @@ def test_topics_are_found_by_their_type_and_subscribed_only_while_wanted(bus: Bu
     assert camera_topic("camera/image_raw", topics) == "camera/camera_info"
     assert camera_topic("points", topics) == ""
 
-    data.want({name: topics[name] for name in ("points", "rosout", "pose")})
+    wanted = {name: topics[name] for name in ("points", "rosout", "pose")}
+    data.want(wanted | {"points#2": topics["points"]})
     assert data.waiting("pose") is None
-    points, lines = data.waiting("points"), data.waiting("rosout")
+    points, lines, again = map(data.waiting, ("points", "rosout", "points#2"))
     assert points is not None
     assert lines is not None
+    assert again is not None
     eventually(lambda: lines.received == 1)
 
     def comes() -> bool:
         clouds.publish(cloud(1))
-        return points.received > 0
+        return points.received > 0 and again.received > 0
 
     eventually(comes)
     data.want({})

@@ -27,7 +27,7 @@ def answers(robot: Node) -> list[NodeDescription]:
 
 
 def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: Any) -> None:
-    """A cloud and an image that are ticked are drawn; a cloud that cannot be says why."""
+    """A cloud and an image that are ticked are drawn, and the cloud once more by a link."""
     _, address = start_view(bus, "--topic", "camera")
     robot = bus.node("robot")
     Arm(robot)
@@ -51,6 +51,13 @@ def test_topics_have_boxes_and_only_ticked_ones_are_subscribed(bus: Bus, pages: 
     [described] = eventually(lambda: answers(robot))
     assert {"points", "camera"} <= described.subscribes.keys()
     assert "others" not in described.subscribes
+    links = view.page.locator("button.tf-link")
+    links.and_(view.page.locator("[data-topic=points]")).filter(has_text="once more").click()
+    again = view.page.get_by_text("points#2: PointCloud")
+    again.wait_for()
+    links.filter(has_text="Remove").click()
+    again.wait_for(state="detached")
+    assert view.page.get_by_text("points: PointCloud").is_visible()
     assert view.errors == []
 
 

@@ -300,18 +300,22 @@ def test_messages_are_drawn_as_they_were_at_the_cursor(seen: Path, seconds: list
 
 
 def test_playing_reads_on_and_a_jump_begins_anew(seen: Path) -> None:
-    """The messages that come are those between the cursor's places."""
+    """The messages that come are those between the cursor's places, for each of two names of a
+    topic.
+    """
     with RecordingReader(seen) as reader:
         replay = Replay(reader, at_ns=at(0.2), plays=True)
         data = RecordedData(replay)
-        data.want({"points": data.topics()["points"]})
+        points = data.topics()["points"]
+        data.want({"points": points, "points#2": points})
         data.catch_up(0.0)
-        waiting = data.waiting("points")
-        assert waiting is not None
+        waiting, again = data.waiting("points"), data.waiting("points#2")
+        assert waiting is not None and again is not None
         for tick in range(9):
             replay.move(0.2 * tick, is_watched=True)
             data.catch_up(0.0)
-        assert [each.stamp_ns for each in waiting.take()] == [at(0.5), at(1.0), at(1.5)]
+        for came in (waiting.take(), again.take()):
+            assert [each.stamp_ns for each in came] == [at(0.5), at(1.0), at(1.5)]
         replay.playhead.seek(at(9.0))
         replay.move(2.0, is_watched=True)
         data.catch_up(0.0)

@@ -28,7 +28,7 @@ from tfbus.view.data.topics import (
     message_type_of,
     size_of,
 )
-from tfbus.view.settings import TopicSettings
+from tfbus.view.settings import TopicSettings, topic_of
 from tfbus.view.timeline import known_timeline, whole_timeline
 from tfbus.wire.codec import from_map
 from tfbus.wire.fleet import Fleet, FrameNames
@@ -439,7 +439,7 @@ class RecordedData:
             is_newest = False
         found: list[tuple[int, Any]] = []
         seen: set[tuple[str, int | None]] = set()
-        selection = Selection(topics=(self._names[topic],))
+        selection = Selection(topics=(self._full_name(topic),))
         for count, item in enumerate(
             self._files.messages_before(self._cursor.at_ns, selection), start=1
         ):
@@ -473,9 +473,9 @@ class RecordedData:
         return self._past_frames.buffer
 
     def _new_waiting(self, topic: str, message_type: type) -> Waiting:
-        waiting = Waiting(message_type, self._replay.frame_names(self._topics[topic]))
+        waiting = Waiting(message_type, self._replay.frame_names(self._topics[topic_of(topic)]))
         if message_type is messages.CameraInfo:
-            selection = Selection(topics=(self._names[topic],))
+            selection = Selection(topics=(self._full_name(topic),))
             last = next(self._files.messages_before(self._cursor.at_ns, selection), None)
             if last is not None and (found := self._message(topic, message_type, last)) is not None:
                 waiting.put(found)
@@ -483,16 +483,21 @@ class RecordedData:
 
     def _read_on(self, from_ns: int, to_ns: int) -> None:
         if self._rest is None:
-            names = tuple([self._names[topic] for topic in self._waiting])
+            names = tuple({*map(self._full_name, self._waiting)})
             self._rest = self._files.items(from_ns + 1, None, Selection(topics=names))
             self._next = next(self._rest, None)
-        topics = {self._names[topic]: topic for topic in self._waiting}
+        wanted: dict[str, list[str]] = {}
+        for name in self._waiting:
+            wanted.setdefault(self._full_name(name), []).append(name)
         while self._next is not None and self._next.log_ns <= to_ns:
             item, self._next = self._next, next(self._rest, None)
-            if isinstance(item, TopicItem) and (topic := topics.get(item.topic)):
-                waiting = self._waiting[topic]
-                if (message := self._message(topic, waiting.message_type, item)) is not None:
+            for name in wanted.get(item.topic, ()) if isinstance(item, TopicItem) else ():
+                waiting = self._waiting[name]
+                if (message := self._message(name, waiting.message_type, item)) is not None:
                     waiting.put(message)
+
+    def _full_name(self, topic: str) -> str:
+        return self._names[topic_of(topic)]
 
     def _message(self, topic: str, message_type: type, item: TopicItem) -> Any:
         try:

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, lru_cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -75,6 +76,8 @@ class TopicSettings:
     the `opacity`. Maps are coloured by "auto", or as a "costmap" of RViz, 1 cm above their plane.
 
     Topics of one `group` are drawn, or not, together; "" is none.
+
+    A `topic` such as `points#2` is `points`, shown once more with settings of its own.
     """
 
     topic: str
@@ -102,6 +105,11 @@ class TopicSettings:
             return own
         red, green, blue = bytes.fromhex(self.rgb.removeprefix("#"))
         return red, green, blue
+
+
+def topic_of(name: str) -> str:
+    """The topic of settings by their name: `points` of `points#2`; no topic has a # of its own."""
+    return name.partition("#")[0]
 
 
 @dataclass(frozen=True)
@@ -456,6 +464,21 @@ class ViewState:
             changed = replace(self.settings.of_topic(topic), **values)
             others = tuple(each for each in self.settings.topics if each.topic != topic)
             self.settings = replace(self.settings, topics=(*others, changed))
+
+    def show_again(self, topic: str) -> None:
+        """Show a topic once more, at first by the settings that it has here."""
+        with self._lock:
+            taken = {each.topic for each in self.settings.topics}
+            names = (f"{topic_of(topic)}#{number}" for number in count(2))
+            name = next(each for each in names if each not in taken)
+            again = replace(self.settings.of_topic(topic), topic=name)
+            self.settings = replace(self.settings, topics=(*self.settings.topics, again))
+
+    def forget_topic(self, topic: str) -> None:
+        """Remove the settings of a topic: it is not shown, or once less."""
+        with self._lock:
+            others = tuple(each for each in self.settings.topics if each.topic != topic)
+            self.settings = replace(self.settings, topics=others)
 
     def play(self, step: Callable[[Playback], Playback]) -> None:
         """Replace the playback by `step(playback)`."""

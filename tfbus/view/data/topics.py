@@ -19,7 +19,7 @@ from tfbus.bus.graph_watch import GraphWatch
 from tfbus.bus.network_session import HeardWatch
 from tfbus.node.node import Node
 from tfbus.node.topic import Publisher, Subscription
-from tfbus.view.settings import TopicSettings, ViewSettings
+from tfbus.view.settings import TopicSettings, ViewSettings, topic_of
 from tfbus.wire.codec import type_name
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet, FrameNames
@@ -64,7 +64,7 @@ Past = tuple[Buffer, float, list[Any]]
 
 class DataSource(Protocol):
     """The topics of a bus, or of a recording; safe from any thread but for `catch_up` and `past`,
-    which are for the one that draws.
+    which are for the one that draws. A topic that is shown twice is wanted by two names.
 
     Of a recording all that is drawn depends on its cursor only: other settings, and another fixed
     frame, begin anew with the `past`.
@@ -289,7 +289,7 @@ class DataOnBus:
         waiting = Waiting(message_type)
         try:
             subscription: Subscription[Any] = self._node.create_subscription(
-                message_type, name, waiting.put, retained=retained
+                message_type, topic_of(name), waiting.put, retained=retained
             )
         except TfbusError as error:
             self._log_once.warning(name, "Topic %s is not shown: %s", printable(name), error)

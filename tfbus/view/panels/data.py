@@ -16,7 +16,7 @@ from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.settings import RANGES, TopicSettings, ViewSettings, ViewState
+from tfbus.view.settings import RANGES, TopicSettings, ViewSettings, ViewState, topic_of
 from tfbus.wire.keys import namespace_of_node
 
 _COLORS = ("auto", "flat", "height")
@@ -64,6 +64,8 @@ class DataPanel:
         self._list: Html | None = None
         self._rows: dict[str, _TopicRow] = {}
         channel.on("topic", self._tick)
+        channel.on("again", lambda e: self._if_there(e, view.show_again))
+        channel.on("forget", lambda e: self._if_there(e, view.forget_topic))
         channel.on(
             "group", lambda e: view.tick("hidden_groups", str(e.get("group", "")), not e.get("on"))
         )
@@ -101,6 +103,11 @@ class DataPanel:
         topic = event.get("topic")
         if isinstance(topic, str) and topic in self._scenes.topics:
             self._view.change_topic(topic, shown=event.get("on") is True)
+
+    def _if_there(self, event: Mapping[str, Any], act: Callable[[str], None]) -> None:
+        topic = event.get("topic")
+        if isinstance(topic, str) and topic in self._rows:
+            act(topic)
 
 
 # With more topics there is a field to find some.
@@ -265,8 +272,9 @@ class _TopicRow:
             self._rgb.show(settings.painted(self._own_rgb))
         for name, bound in self._bounds.items():
             bound.show(getattr(settings, name))
+        links = links_of(self._topic)
         if layer is None:
-            self._state.show("")
+            self._state.show(links)
             return
         if self._color is not None and layer.columns:
             columns = map(printable, layer.columns)
@@ -274,7 +282,8 @@ class _TopicRow:
             if self._color.options != options:
                 self._color.options = options
         mistakes = [each.mistake for each in self._bounds.values() if each.mistake]
-        self._state.show(state_of(layer, self._scenes.rejected(self._topic), mistakes))
+        rejected = self._scenes.rejected(self._topic)
+        self._state.show(links + state_of(layer, rejected, mistakes))
         for name in list(layer.namespaces):
             if name not in self._namespaces:
                 with self._folder:
@@ -375,6 +384,18 @@ def _number_or_auto(text: str) -> float | None:
     if not math.isfinite(number):
         raise ValueError("not finite")
     return number
+
+
+def links_of(topic: str) -> str:
+    """The links to show a topic once more, and to remove what shows it once more, as HTML."""
+    links = {"again": "Show once more"}
+    links |= {"forget": "Remove"} if topic != topic_of(topic) else {}
+    buttons = " ".join(
+        f'<button class="tf-link" data-topic="{escape(topic)}" '
+        f'onclick="{event(do, topic="this.dataset.topic")}">{label}</button>'
+        for do, label in links.items()
+    )
+    return f'<div class="tf">{buttons}</div>'
 
 
 def state_of(layer: TopicLayer, rejected: int = 0, mistakes: Sequence[str] = ()) -> str:

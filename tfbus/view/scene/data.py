@@ -27,7 +27,7 @@ from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topi
 from tfbus.view.frames import Floats, Frames
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.items import DrawnItems, MeshNamed, NotDrawnError, some_points, way_to
-from tfbus.view.settings import TopicSettings, ViewSettings
+from tfbus.view.settings import TopicSettings, ViewSettings, topic_of
 
 _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
@@ -102,7 +102,9 @@ class DataScenes:
         if is_watched or (shown and not self._has_warned):
             self._all = self._source.topics()
             drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
-            self.topics = dict(sorted(drawn.items())[:MOST_TOPICS])
+            topics = dict(sorted(drawn.items())[:MOST_TOPICS])
+            named = {each.topic: topics.get(topic_of(each.topic)) for each in settings.topics}
+            self.topics = topics | {name: info for name, info in named.items() if info}
         if not self._has_warned and scheduler.monotonic() - self._since_s >= _ABSENT_AFTER_S:
             self._has_warned = True
             self.warn_of([topic for topic in shown if topic not in self.topics])
@@ -203,7 +205,7 @@ class DataScenes:
                 self._log.warning("Topic %r is not drawn: %s", topic, why)
 
     def _why_not_drawn(self, topic: str) -> str:
-        info = self._all.get(topic)
+        info = self._all.get(topic_of(topic))
         if topic not in self.topics and info is not None and info.publishers:
             types = listed(sorted({printable(end.type) for end in info.publishers}), most=3)
             return f"it has {types}, which the view does not draw"

@@ -40,6 +40,7 @@ from tfbus.messages import (
     PoseStamped,
     PoseWithCovariance,
     PoseWithCovarianceStamped,
+    Quaternion,
     Range,
     Vector3,
 )
@@ -460,6 +461,8 @@ def test_a_topic_is_named_with_its_settings() -> None:
         ("scan:voxel=2001-13-45", "voxel must be a number"),
         (":voxel=5", "':voxel=5' has no topic"),
         ("scan:group=", "group has no value"),
+        ("plan:poses=cones", "poses must be one of auto, arrows, axes, none"),
+        ("plan:width=200", "width must be from 0 to 100 cm"),
     ):
         with pytest.raises(SettingsError, match=why):
             topic_named(text, saved)
@@ -751,6 +754,46 @@ def test_a_topic_has_a_colour_an_opacity_and_a_scale(buffer: Buffer, message: An
         if not isinstance(found, Bodies) or has_size or found.kind == "cone":
             assert isinstance(found, Bodies | Lines | Points)
             assert (found.colors == (10, 11, 12)).all()
+
+
+def lines_and_poses(message: Any, text: str, buffer: Buffer) -> tuple[list[float], list[Bodies]]:
+    """The widths of the lines of a message in m, and its bodies, by a text of settings."""
+    layer = layer_of(message)
+    layer.step(buffer, "map", 0.0, topic_named(text, ViewSettings()))
+    [placed] = layer.placed.values()
+    shapes = placed.item.shapes
+    bodies = [each for each in shapes if isinstance(each, Bodies)]
+    return [each.width_m for each in shapes if isinstance(each, Lines)], bodies
+
+
+def test_a_path_has_a_width_and_its_poses_are_drawn_as_arrows_or_axes(buffer: Buffer) -> None:
+    """As in RViz: by itself it is a thin line without poses. Arrows differ from its colour."""
+    left = Pose3D(Vector3(1.0, 2.0, 0.0), Quaternion(z=math.sqrt(0.5), w=math.sqrt(0.5)))
+    path = Path(2 * S, "map", (PoseStamped(0, "map", left), PoseStamped(0, "map")))
+    assert lines_and_poses(path, "plan", buffer) == ([0.0], [])
+    widths, [arrows] = lines_and_poses(path, "plan:width=5,poses=arrows,rgb=#0a0b0c", buffer)
+    assert widths == [0.05]
+    assert (arrows.kind, len(arrows.xyz)) == ("arrow", 2)
+    assert (arrows.colors != (10, 11, 12)).any(axis=1).all()
+    _, [axes] = lines_and_poses(path, "plan:poses=axes,scale=2,opacity=0.5", buffer)
+    middles = [(1.0, 2.3, 0.0), (0.7, 2.0, 0.0), (1.0, 2.0, 0.3)]
+    middles += [(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.3)]
+    np.testing.assert_allclose(axes.xyz, middles, atol=1e-6)
+    assert axes.scales.max(axis=1) == pytest.approx([0.6] * 6)
+    assert axes.scales.argmax(axis=1).tolist() == [0, 1, 2] * 2
+    assert (axes.colors.argmax(axis=1).tolist(), axes.opacity) == ([0, 1, 2] * 2, 0.5)
+    assert lines_and_poses(replace(path, poses=()), "plan:poses=arrows", buffer)[0] == [0.0]
+
+
+@pytest.mark.parametrize("kind", ["poses", "a pose", "doubt", "odometry"])
+def test_poses_of_each_kind_of_message_are_arrows_axes_or_none(kind: str, buffer: Buffer) -> None:
+    """The ellipsoid of what is not known stays."""
+    kinds = {
+        poses: [each.kind for each in lines_and_poses(OTHERS[kind][0], f"t:{poses}", buffer)[1]]
+        for poses in ("poses=auto", "poses=axes", "poses=none")
+    }
+    doubt = ["sphere"] if kind == "doubt" else []
+    assert [*kinds.values()] == [["arrow", *doubt], ["cube", *doubt], doubt]
 
 
 def test_a_costmap_lies_clear_on_the_map_below_it(buffer: Buffer) -> None:

@@ -491,7 +491,9 @@ class RecordedData:
             wanted.setdefault(self._full_name(name), []).append(name)
         while self._next is not None and self._next.log_ns <= to_ns:
             item, self._next = self._next, next(self._rest, None)
-            for name in wanted.get(item.topic, ()) if isinstance(item, TopicItem) else ():
+            if not isinstance(item, TopicItem):
+                continue
+            for name in wanted.get(item.topic, ()):
                 waiting = self._waiting[name]
                 if (message := self._message(name, waiting.message_type, item)) is not None:
                     waiting.put(message)

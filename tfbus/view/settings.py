@@ -71,9 +71,11 @@ class TopicSettings:
     Of points in one cube of `voxel` cm one is drawn, with 0 each, and at most `most_points` of a
     message. Images are JPEG of this `quality`. Markers of `hidden` namespaces are not drawn.
 
-    Shapes of one colour have `rgb`, such as "#ff8800", or with "" that of their kind. Arrows, balls
-    and views of cameras are `scale` times as large. Maps, arrows, balls, cones and ellipsoids have
-    the `opacity`. Maps are coloured by "auto", or as a "costmap" of RViz, 1 cm above their plane.
+    Shapes of one colour have `rgb`, such as "#ff8800", or with "" that of their kind. Arrows, axes,
+    balls and views of cameras are `scale` times as large. Maps, arrows, balls, cones and ellipsoids
+    have the `opacity`. Lines of paths are `width` cm wide, with 0 some pixels. `poses` are drawn as
+    "arrows", "axes" or "none", by "auto" as arrows unless they are of a path. Maps are coloured by
+    "auto", or as a "costmap" of RViz, 1 cm above their plane.
 
     Topics of one `group` are drawn, or not, together; "" is none.
 
@@ -98,6 +100,8 @@ class TopicSettings:
     rgb: str = ""
     opacity: float = 1.0
     scale: float = 1.0
+    width: float = 0.0
+    poses: str = "auto"
 
     def painted(self, own: tuple[int, int, int]) -> tuple[int, int, int]:
         """The colour of a shape that has this one of its own: `rgb`, if that is given."""
@@ -194,18 +198,20 @@ RANGES = {
     "voxel": (0.0, 100.0),
     "most_points": (1000.0, 500_000.0),
     "quality": (5.0, 95.0),
+    "width": (0.0, 100.0),
 }
 
 _MOST_NUMBER = sys.float_info.max
 
 # Of settings whose name does not say it.
-_UNITS = {"size": "cm", "voxel": "cm"}
+_UNITS = {"size": "cm", "voxel": "cm", "width": "cm"}
 
 # Smaller cubes than points are wide are metres, taken for centimetres.
 _LEAST_VOXEL = 1.0
 
-# The shapes of robots to choose from.
+# The shapes of robots, and those of poses, to choose from.
 SHAPES = ("visual", "collision", "both")
+POSES = ("auto", "arrows", "axes", "none")
 
 _FIELDS: dict[str, type] = {field.name: type(field.default) for field in fields(ViewSettings)}
 _OF_TOPIC = {
@@ -334,8 +340,9 @@ def _read(name: object, value: Any, known: Mapping[str, type] = _FIELDS) -> Any:
         _check_range(name, value)
     if wanted is type(None) and not abs(value) <= _MOST_NUMBER:
         raise SettingsError(f"{name} must be a finite number or auto, got {value:g}")
-    if name == "shapes" and value not in SHAPES:
-        raise SettingsError(f"shapes must be one of {', '.join(SHAPES)}, got {value!r}")
+    choices = {"shapes": SHAPES, "poses": POSES}.get(name)
+    if choices is not None and value not in choices:
+        raise SettingsError(f"{name} must be one of {', '.join(choices)}, got {value!r}")
     if name == "rgb" and not re.fullmatch("(#?[0-9a-fA-F]{6})?", value):
         raise SettingsError(f"rgb must be a colour such as '#ff8800', got {value!r}")
     if name in ("only", "never"):

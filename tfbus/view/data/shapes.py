@@ -25,6 +25,9 @@ _FINE_CELLS = 1024
 # As for frames: browsers draw with 32 bits.
 _FARTHEST_M = 1e15
 _POSE_M = 0.3
+# The width of an axis of a pose, in parts of its length.
+_ARM = 0.07
+AXES_RGB = ((217, 48, 48), (60, 160, 60), (40, 90, 220))
 _POINT_M = 0.1
 _ABOVE_MAP_M = 0.01
 
@@ -243,46 +246,75 @@ def transform_of(pose: messages.Pose3D) -> Transform:
 
 
 def _path(path: messages.Path, settings: TopicSettings, into_fixed: Transform) -> Made:
-    along = [(p.position.x, p.position.y, p.position.z) for p in (each.pose for each in path.poses)]
-    step = max(1, -(-len(along) // MOST_SHAPES))
+    some = path.poses[:: max(1, -(-len(path.poses) // MOST_SHAPES))]
+    along = [(p.position.x, p.position.y, p.position.z) for p in (each.pose for each in some)]
     rgb = settings.painted(RGB_OF[messages.Path])
-    return (line_along(np.array(along[::step]).reshape(-1, 3), rgb),), _HERE
+    line = line_along(np.array(along).reshape(-1, 3), rgb, settings.width / 100.0)
+    if settings.poses in ("auto", "none"):
+        return (line,), _HERE
+    poses = np.array([transform_of(each.pose).as_pose() for each in some]).reshape(-1, 7)
+    # In the colour of the line its poses would be lost in it.
+    return (line, *_drawn_poses(poses, settings, RGB_OF[messages.PoseArray])), _HERE
 
 
-def line_along(xyz: NDArray[Any], color: tuple[int, int, int]) -> Lines:
+def line_along(xyz: NDArray[Any], color: tuple[int, int, int], width_m: float = 0.0) -> Lines:
     """A line along points (N, 3)."""
     near = xyz[(np.abs(xyz) <= _FARTHEST_M).all(axis=1)].astype(np.float32)
     ends = np.stack((near[:-1], near[1:]), axis=1) if len(near) else np.zeros((0, 2, 3), np.float32)
-    return Lines(ends, np.broadcast_to(np.array(color, np.uint8), ends.shape).copy())
+    return Lines(ends, np.broadcast_to(np.array(color, np.uint8), ends.shape).copy(), width_m)
 
 
 def _poses(poses: messages.PoseArray, settings: TopicSettings, into_fixed: Transform) -> Made:
     step = max(1, -(-len(poses.poses) // MOST_SHAPES))
-    return (_arrows(poses.poses[::step], settings, RGB_OF[messages.PoseArray]),), _HERE
+    rgb = settings.painted(RGB_OF[messages.PoseArray])
+    return _drawn_poses(poses.poses[::step], settings, rgb), _HERE
 
 
-def _arrows(poses: NDArray[Any], settings: TopicSettings, own: tuple[int, int, int]) -> Bodies:
-    count = len(poses)
-    lengths = settings.scale * np.array((_POSE_M, 0.06, 0.06), np.float32)
+def _drawn_poses(
+    poses: NDArray[Any], settings: TopicSettings, rgb: tuple[int, int, int]
+) -> tuple[Bodies, ...]:
+    """Poses (N, 7) as arrows along x, unless the settings say otherwise."""
+    if settings.poses == "none":
+        return ()
     arrays = TransformArray(poses[:, :3], poses[:, 3:])
-    return Bodies(
-        "arrow",
-        arrays.xyz.astype(np.float32),
-        arrays.quat_wxyz.astype(np.float32),
-        np.tile(lengths.astype(np.float32), (count, 1)),
-        np.tile(np.array(settings.painted(own), np.uint8), (count, 1)),
-        settings.opacity,
+    long_m = settings.scale * _POSE_M
+    if settings.poses == "axes":
+        return (_axes(arrays, long_m, settings.opacity),)
+    lengths = np.array((long_m, settings.scale * 0.06, settings.scale * 0.06), np.float32)
+    return (
+        Bodies(
+            "arrow",
+            arrays.xyz.astype(np.float32),
+            arrays.quat_wxyz.astype(np.float32),
+            np.tile(lengths, (len(poses), 1)),
+            np.tile(np.array(rgb, np.uint8), (len(poses), 1)),
+            settings.opacity,
+        ),
     )
 
 
-def _arrow_at(pose: messages.Pose3D, settings: TopicSettings) -> Bodies:
-    """An arrow along x of a pose."""
-    own = RGB_OF[messages.PoseStamped]
-    return _arrows(np.array([transform_of(pose).as_pose()]), settings, own)
+def _axes(poses: TransformArray, long_m: float, opacity: float) -> Bodies:
+    """A red, a green and a blue arm from each pose, along its x, y and z."""
+    arms = np.eye(3) * long_m
+    middles = poses.xyz[:, None] + poses.as_matrix()[:, :3, :3].transpose(0, 2, 1) * long_m / 2.0
+    count = len(poses.xyz)
+    return Bodies(
+        "cube",
+        middles.reshape(-1, 3).astype(np.float32),
+        np.repeat(poses.quat_wxyz, 3, axis=0).astype(np.float32),
+        np.tile(np.maximum(arms, _ARM * long_m).astype(np.float32), (count, 1)),
+        np.tile(np.array(AXES_RGB, np.uint8), (count, 1)),
+        opacity,
+    )
+
+
+def _pose_at(pose: messages.Pose3D, settings: TopicSettings) -> tuple[Bodies, ...]:
+    rgb = settings.painted(RGB_OF[messages.PoseStamped])
+    return _drawn_poses(np.array([transform_of(pose).as_pose()]), settings, rgb)
 
 
 def _pose(stamped: messages.PoseStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
-    return (_arrow_at(stamped.pose, settings),), _HERE
+    return _pose_at(stamped.pose, settings), _HERE
 
 
 def _point(stamped: messages.PointStamped, settings: TopicSettings, into_fixed: Transform) -> Made:
@@ -307,8 +339,8 @@ def _pose_with_covariance(
 def pose_and_doubt(
     pose: messages.PoseWithCovariance, settings: TopicSettings
 ) -> tuple[Bodies, ...]:
-    """An arrow along x of a pose, and its ellipsoid."""
-    return (_arrow_at(pose.pose, settings), *_ellipsoid(pose, settings.opacity))
+    """A pose, and its ellipsoid."""
+    return (*_pose_at(pose.pose, settings), *_ellipsoid(pose, settings.opacity))
 
 
 def _ellipsoid(pose: messages.PoseWithCovariance, opacity: float) -> tuple[Bodies, ...]:

@@ -16,19 +16,20 @@ from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
 from tfbus.view.scene.data import DataScenes
-from tfbus.view.settings import RANGES, TopicSettings, ViewSettings, ViewState, topic_of
+from tfbus.view.settings import POSES, RANGES, TopicSettings, ViewSettings, ViewState, topic_of
 from tfbus.wire.keys import namespace_of_node
 
 _COLORS = ("auto", "flat", "height")
 _MAP_COLORS = ("auto", "costmap")
 _IMAGES = (messages.Image, messages.CompressedImage)
-_ARROWS = (
+_POSES = (
     messages.Odometry,
-    messages.PointStamped,
+    messages.Path,
     messages.PoseArray,
     messages.PoseStamped,
     messages.PoseWithCovarianceStamped,
 )
+_ARROWS = (*_POSES, messages.PointStamped)
 _SEE_THROUGH = (*_ARROWS, messages.OccupancyGrid, messages.Range)
 _SCALED = (*_ARROWS, *_IMAGES)
 _WITHOUT_LOCK = (
@@ -232,15 +233,17 @@ class _TopicRow:
                 self._slider("voxel", "Voxel (cm)", 1.0)
                 self._number("most_points", "Points at most", 1000.0)
             if message_type is messages.OccupancyGrid:
-                options = tuple(dict.fromkeys((*_MAP_COLORS, settings.color)))
-                scheme: Any = gui.add_dropdown("Colour", options, initial_value=settings.color)
-                self._controls["color"] = Control(scheme, self._setter("color"))
+                self._choice("color", "Colour", (*_MAP_COLORS, settings.color))
             self._own_rgb = RGB_OF.get(message_type)
             self._rgb: Control | None = None
             if self._own_rgb is not None:
                 label = "Flat colour" if message_type in POINTS else "Colour"
                 picker = gui.add_rgb(label, settings.painted(self._own_rgb))
                 self._rgb = Control(picker, self._paint)
+            if message_type is messages.Path:
+                self._number("width", "Line width (cm)", 0.5, "0: some pixels.")
+            if message_type in _POSES:
+                self._choice("poses", "Poses", POSES)
             if message_type in _SEE_THROUGH:
                 self._slider("opacity", "Opacity", 0.05)
             if message_type in _SCALED:
@@ -315,11 +318,17 @@ class _TopicRow:
         handle = self._gui.add_slider(label, least, most, step, value, hint=hint)
         self._controls[name] = Control(handle, self._setter(name))
 
-    def _number(self, name: str, label: str, step: float) -> None:
+    def _number(self, name: str, label: str, step: float, hint: str | None = None) -> None:
         """A field for numbers that a slider shows too roughly, or without room for their digits."""
         least, most = RANGES[name]
         value = getattr(self._view.settings.of_topic(self._topic), name)
-        handle = self._gui.add_number(label, value, min=least, max=most, step=step)
+        handle = self._gui.add_number(label, value, min=least, max=most, step=step, hint=hint)
+        self._controls[name] = Control(handle, self._setter(name))
+
+    def _choice(self, name: str, label: str, options: tuple[str, ...]) -> None:
+        value = getattr(self._view.settings.of_topic(self._topic), name)
+        options = tuple(dict.fromkeys(options))
+        handle: Any = self._gui.add_dropdown(label, options, initial_value=value)
         self._controls[name] = Control(handle, self._setter(name))
 
     def _text(self, name: str, label: str, hint: str) -> None:
@@ -390,7 +399,7 @@ def links_of(topic: str) -> str:
     """The links to show a topic once more, and to remove what shows it once more, as HTML."""
     links = {"again": "Show once more"}
     links |= {"forget": "Remove"} if topic != topic_of(topic) else {}
-    buttons = " ".join(
+    buttons = " · ".join(
         f'<button class="tf-link" data-topic="{escape(topic)}" '
         f'onclick="{event(do, topic="this.dataset.topic")}">{label}</button>'
         for do, label in links.items()

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from tfbus.base.wording import listed
 from tfbus.frames.moment import State
 from tfbus.geometry.transform import Transform
+from tfbus.view.data.shapes import AXES_RGB
 from tfbus.view.frames import (
     FAULTS,
     Floats,
@@ -66,7 +67,6 @@ _BOX = np.array(
 
 # The radius of an axis, in parts of its length.
 _RADIUS = 0.035
-_COLORS = ((217, 48, 48), (60, 160, 60), (40, 90, 220))
 
 NO_QUATERNIONS = np.array([[1.0, 0.0, 0.0, 0.0]])
 NO_POSITIONS = np.zeros((1, 3))
@@ -100,7 +100,7 @@ class Axes:
                 receive_shadow=False,
                 visible=False,
             )
-            for axis, color in enumerate(_COLORS)
+            for axis, color in enumerate(AXES_RGB)
         ]
         for handle in (self._axes, *self._arms):
             handle.on_click(lambda event: on_click(event.client_id, self._clicked(event)))

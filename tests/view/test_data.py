@@ -45,9 +45,11 @@ from tfbus.messages import (
     Vector3,
 )
 from tfbus.view.data.layer import TopicLayer
+from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Lines, Points, Texture
 from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
 from tfbus.view.frames import frames_of
+from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import (
     TopicSettings,
@@ -600,6 +602,60 @@ def test_messages_of_a_fleet_are_drawn_at_the_frames_of_their_robots(bus: Bus) -
         layer.step(filled, "map", 0.0, SETTINGS)
         found.append(xs(layer))
     assert found == [[0.0], [0.0], [1.0], [0.0], [2.0], [0.0]]
+
+
+def point_at(layer: TopicLayer, x: float, y: float) -> PickedPoint | None:
+    """The point that a ray straight down meets there in the map."""
+    scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
+    scenes.layers["points"] = layer
+    return scenes.point_met_by(Ray(np.array((x, y, 9.0)), np.array((0.0, 0.0, -1.0))), "map")
+
+
+@pytest.mark.parametrize("text", ["t", "t:most_points=1000", "t:voxel=1", "t:locked=true"])
+def test_a_point_is_found_in_its_message_however_thinned_it_is_drawn(
+    buffer: Buffer, text: str
+) -> None:
+    """By its index there, with its place in its frame and in the fixed one, and its columns."""
+    xyz = np.column_stack((np.arange(3000.0), np.zeros(3000), np.ones(3000)))
+    xyz[::7] = np.nan
+    names = {"rgb": np.full(3000, 0x0A141E, np.uint32), "ring": np.arange(3000, dtype=np.uint16)}
+    layer = layer_of(PointCloud.from_xyz(2 * S, "base", xyz, **names))
+    layer.step(buffer, "map", 0.0, topic_named(text, ViewSettings()))
+    base_m = 3.0 if "locked" in text else 2.0
+    found = point_at(layer, 1500.0 + base_m, 0.0)
+    assert found == PickedPoint(
+        "points",
+        1500,
+        {"base": (1500.0, 0.0, 1.0), "map": (1500.0 + base_m, 0.0, 1.0)},
+        {"rgb": "#0a141e", "ring": "1500"},
+    )
+    assert point_at(layer, 1500.5, 0.0) is None
+
+
+def test_a_point_of_a_straightened_scan_has_its_place_in_both_frames(buffer: Buffer) -> None:
+    """Where it was measured in its frame, and where that was at its own time; with its range."""
+    ranges, times = np.array([5.0, 4.0, np.inf, 2.0]), np.array([1.0, 2.0, 3.0, 4.0])
+    scan = LaserScan(1 * S, "base", 0, 0, 0, 0.5, 0, 0.1, 30.0, ranges, times)
+    layer = layer_of(scan)
+    layer.step(buffer, "map", 0.0, SETTINGS)
+    found = point_at(layer, 2.5 + 2.0, 0.0)
+    assert found is not None
+    assert (found.index, found.columns) == (3, {"range": "2", "angle": "0°", "intensity": "4"})
+    assert found.places == {"base": (2.0, 0.0, 0.0), "map": (4.5, 0.0, 0.0)}
+
+
+def test_a_point_of_an_earlier_message_has_a_place_but_no_columns(buffer: Buffer) -> None:
+    """Of clouds that decay only the last message is kept; its frame is called as from outside."""
+    layer = layer_of(cloud(1 * S, ring=np.array([7.0])))
+    layer.waiting.names = Fleet(("map",)).names("robot7")
+    for second in (1, 2):
+        buffer.set_transform(moved(second * S, "map", "robot7/base", float(second)))
+        layer.step(buffer, "map", 0.0, replace(SETTINGS, decay_s=9.0))
+        layer._due_s = 0.0
+        layer.waiting.put(cloud((second + 1) * S, ring=np.array([8.0])))
+    places = {"robot7/base": (1.0, 0.0, 0.0), "map": (3.0, 0.0, 0.0)}
+    assert point_at(layer, 2.0, 0.0) == PickedPoint("points", 0, {"map": (2.0, 0.0, 0.0)}, {})
+    assert point_at(layer, 3.0, 0.0) == PickedPoint("points", 0, places, {"ring": "8"})
 
 
 def test_a_topic_is_shown_twice_by_settings_of_each(buffer: Buffer) -> None:

@@ -203,4 +203,41 @@ def test_a_drag_on_the_ground_sends_a_goal_and_marks_it(bus: Bus, pages: Any) ->
 
     eventually(measures)
     assert re.match(r"\d+\.\d{3} m: x ", public.page.get_by_label("measured").inner_text())
-    assert public.page.locator("[data-tool]").count() == 1
+    assert public.page.locator("[data-tool]").count() == 2
+
+
+def test_a_click_on_a_point_of_a_cloud_shows_its_row(bus: Bus, pages: Any) -> None:
+    """Its columns are those of its index, and its place in both frames is that of this row."""
+    _, address = start_view(bus, "--topic", "points", "--read-only")
+    robot = bus.node("robot")
+    Arm(robot)
+    clouds = robot.create_publisher(PointCloud, "points")
+    grid = np.stack(np.meshgrid(*[np.linspace(-10.0, 10.0, 201)] * 2, [0.0]), axis=-1)
+    xyz = grid.reshape(-1, 3)
+    number = np.arange(len(xyz), dtype=np.uint32)
+    robot.create_timer(
+        0.2,
+        lambda: clouds.publish(PointCloud.from_xyz(robot.now_ns(), "base", xyz, number=number)),
+    )
+    view = View(pages.new_page(), address)
+    view.wait_for_status("tool", "dynamic")
+    view.tab("Tools")
+    selected = view.page.get_by_role("log", name="selected")
+
+    def selects() -> bool:
+        view.button("Select (I)")
+        view.click_at(200, 250)
+        return view.shows(selected, 5.0)
+
+    eventually(selects)
+    text = selected.inner_text()
+    index = int(re.search(r"points: point (\d+)", text)[1])
+    x, y, _ = xyz[index]
+    facts = dict(zip(*[iter(selected.locator("dt, dd").all_inner_texts())] * 2, strict=True))
+    assert facts["number"] == str(index)
+    places = {frame: [*map(float, facts[f"in {frame}"].split(","))] for frame in ("base", "map")}
+    assert places["base"] == pytest.approx([x, y, 0.0], abs=1e-3)
+    assert places["map"] == pytest.approx([x + 1.0, y, 0.0], abs=1e-3)
+    view.page.get_by_role("button", name="remove").click()
+    selected.wait_for(state="detached")
+    assert view.errors == []

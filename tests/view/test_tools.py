@@ -19,6 +19,7 @@ from tfbus.messages import (
     PoseWithCovarianceStamped,
     Vector3,
 )
+from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.topics import TOOLS, ToolPublishers
 from tfbus.view.panels.markup import Channel
 from tfbus.view.panels.pointing import Pointing, heading_of, mark_size
@@ -119,7 +120,9 @@ def test_the_ray_through_a_pixel_meets_the_point_that_is_drawn_there() -> None:
 
 
 def test_a_ray_meets_the_nearest_of_what_is_there() -> None:
-    """The ground, triangles from either side, and points within some pixels; else nothing."""
+    """The ground, triangles from either side, and points within some pixels; else nothing. Of
+    points that are as far away, the one that it passes closest.
+    """
     assert TOP.to_ground() == 10.0
     assert Ray(TOP.origin, np.array((1.0, 0.0, 0.0))).to_ground() == math.inf
     assert Ray(TOP.origin, np.array((0.0, 0.0, 1.0))).to_ground() == math.inf
@@ -132,6 +135,8 @@ def test_a_ray_meets_the_nearest_of_what_is_there() -> None:
     points = np.array([(0.0, 0.01, 1.0), (0.0, 0.0, -3.0), (2.0, 0.0, 5.0), (0.0, 0.0, 12.0)])
     assert TOP.to_points(points) == 9.0
     assert TOP.to_points(points[2:]) == math.inf
+    behind = np.array([(0.05, 0.0, 1.01), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)])
+    assert TOP.first_of(behind) == (1, 9.0)
     moved = TOP.seen_from(Transform.from_rpy(0.4, 0.2, 1.0, xyz=(7.0, -2.0, 1.0)))
     pose = Transform.from_rpy(0.4, 0.2, 1.0, xyz=(7.0, -2.0, 1.0)).inverse()
     assert moved.to_triangles(pose.apply(square), np.array([(0, 1, 2)])) == pytest.approx(8.0)
@@ -147,6 +152,8 @@ class Above:
         server: Any = Server(seen)
         self.gui = server.gui = Gui()
         server.scene = server.clients[0].scene = MagicMock()
+        self.told: list[str] = []
+        server.clients[0].add_notification = lambda title, why, **options: self.told.append(title)
         self.drawn = Drawn(server.scene)
         self.channel = Channel()
         self.panel = ToolsPanel(server.gui, ViewState(ViewSettings()), self.channel, None)
@@ -158,8 +165,16 @@ class Above:
         sent = {"do": "tool", "tool": "measure", "from": part, "to": part, "step": step}
         self.channel.receive(sent, 0)
         far = 10.0 - height_m if height_m else math.inf
-        self._pointing.use(frame, 0.5, lambda ray: far / -ray.direction[2])
+        self._pointing.use(frame, 0.5, lambda ray: far / -ray.direction[2], lambda ray: None)
         return self.measured()
+
+    def select(self, point: PickedPoint | None) -> str:
+        """A click there, where this point is met; the panel's texts then."""
+        at = [0.5, 0.5]
+        self.channel.receive({"do": "tool", "tool": "select", "from": at, "to": at, "step": 1}, 0)
+        self._pointing.use("map", 0.5, lambda ray: math.inf, lambda ray: point)
+        self.panel.refresh(0.0, lambda topic: 0)
+        return "".join(each.content for each in self.gui.texts)
 
     def measured(self) -> str:
         """The line of the panel."""
@@ -192,7 +207,7 @@ def test_two_clicks_measure_the_distance_and_its_parts_along_the_axes() -> None:
     marks = {"measured", "measured from", "measured text"}
     assert marks <= above.drawn.shapes.keys()
     assert {each.frame for each in above.drawn.shapes.values()} == {"map"}
-    above.channel.receive({"do": "unmeasure"}, 0)
+    above.channel.receive({"do": "unfind", "tool": "measure"}, 0)
     assert above.click(0.0, 0.0, 1) == ""
     assert "measured" not in above.drawn.shapes
 
@@ -206,6 +221,28 @@ def test_a_measure_begins_anew_with_its_first_click_and_another_fixed_frame() ->
     above.click(1.0, 1.0, 1)
     assert above.click(3.0, 1.0, 2, "odom").startswith("1.000 m")
     assert above.click(4.0, 1.0, 2, "odom").startswith("1.000 m: x 1.000, y 0.000")
+
+
+def test_a_click_selects_a_point_and_shows_its_row_until_it_is_removed() -> None:
+    """Its places and columns, of which the names are text; a click elsewhere leaves it selected."""
+    above = Above()
+    places = {"lidar": (1.0, 2.0, -0.0001), "map": (3.0, 4.0, 5.0)}
+    point = PickedPoint("points#2", 17, places, {"ring": "3", "<b>": "0"})
+    assert "point 17" not in above.select(None)
+    for met in (point, None):
+        text = above.select(met)
+        assert "<b>points#2: point 17</b>" in text
+        assert re.findall("<dt>(.*?)</dt><dd>(.*?)</dd>", text) == [
+            ("in lidar", "1.000, 2.000, 0.000"),
+            ("in map", "3.000, 4.000, 5.000"),
+            ("ring", "3"),
+            ("&lt;b&gt;", "0"),
+        ]
+    assert {"selected", "selected text"} <= above.drawn.shapes.keys()
+    above.channel.receive({"do": "unfind", "tool": "select"}, 0)
+    assert "point 17" not in above.select(None)
+    assert not above.drawn.shapes
+    assert above.told == ["Nothing was selected"] * 3
 
 
 def test_a_mark_is_seen_from_far_away_and_never_smaller_than_axes() -> None:

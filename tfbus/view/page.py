@@ -16,6 +16,7 @@ from tfbus.base.signals import held_signals
 from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.moment import BusMoment
+from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.topics import DataSource, ToolPublishers
 from tfbus.view.frames import Floats, Frames, Placed, frames_of, place, trail
 from tfbus.view.panels.data import DataPanel
@@ -465,7 +466,11 @@ class Page:
     def _point(self, fixed_frame: str) -> None:
         """Use the aims of browsers."""
         aimed_in = fixed_frame if self.whole.names else ""
-        self._pointing.use(aimed_in, self._scene.size_m, self._way_to_what_is_drawn)
+        size_m = self._scene.size_m
+        self._pointing.use(aimed_in, size_m, self._way_to_what_is_drawn, self._point_met_by)
+
+    def _point_met_by(self, ray: Ray) -> PickedPoint | None:
+        return self.data.point_met_by(ray, self.choice.fixed_frame) if self.data else None
 
     def _way_to_what_is_drawn(self, ray: Ray) -> float:
         """The way in m to the first message or robot in a ray of the fixed frame."""

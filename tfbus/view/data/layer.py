@@ -88,6 +88,8 @@ class TopicLayer:
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
         self._last: Any = None
+        # The points drawn last, and the message that they are of.
+        self._source: tuple[Shape | None, Any] = None, None
         self._due_s = self._pace_s = 0.0
         self._waits_since_s: float | None = None
         self._count = 0
@@ -233,9 +235,18 @@ class TopicLayer:
             self._add(item, now_s)
         if isinstance(message, POINTS):
             self.columns = columns_of(message)
-            [self.span] = [shape.span for shape in items[0].shapes if isinstance(shape, Points)]
+            [points] = [shape for shape in items[0].shapes if isinstance(shape, Points)]
+            self.span = points.span
+            self._source = points, seen
             self._bound_points()
         return True
+
+    def source_of(self, points: Points) -> Any:
+        """The message that points are of, with its frame's name from outside; None for points of an
+        earlier message. Safe from any thread.
+        """
+        shape, message = self._source
+        return message if shape is points else None
 
     def _items(
         self,

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,12 +31,14 @@ AXES_RGB = ((217, 48, 48), (60, 160, 60), (40, 90, 220))
 _POINT_M = 0.1
 _ABOVE_MAP_M = 0.01
 
+_NO_ROWS = np.zeros(0, np.intp)
+
 
 @dataclass(frozen=True, eq=False)
 class Points:
     """Points (N, 3) in m, with a colour for each; `size_m` wide, 0 for the settings' width, or
     `size_px` pixels unless that is 0. `span` has the numbers of the first and the last colour,
-    if numbers are coloured.
+    if numbers are coloured. `rows` (N,) are where those of a cloud or scan are in the message.
     """
 
     xyz: Floats
@@ -44,6 +46,7 @@ class Points:
     size_m: float = 0.0
     size_px: float = 0.0
     span: tuple[float, float] | None = None
+    rows: NDArray[np.intp] = field(default_factory=lambda: _NO_ROWS)
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +178,7 @@ def _cloud(cloud: messages.PointCloud, settings: TopicSettings, into_fixed: Tran
     xyz = cloud.xyz()[::step]
     if xyz.ndim != 2:
         raise ValueError("the columns x, y and z must be numbers")
-    return _points(xyz, lambda name: _column(cloud, name, step), settings, into_fixed)
+    return _points(xyz, step, lambda name: _column(cloud, name, step), settings, into_fixed)
 
 
 def _column(cloud: messages.PointCloud, name: str, step: int) -> NDArray[Any] | None:
@@ -187,11 +190,12 @@ def _scan(scan: messages.LaserScan, settings: TopicSettings, into_fixed: Transfo
     step = _step(len(scan.ranges), settings)
     intensities = scan.intensities[::step] if len(scan.intensities) else None
     column = {"intensity": intensities}
-    return _points(scan.xyz()[::step], column.get, settings, into_fixed)
+    return _points(scan.xyz()[::step], step, column.get, settings, into_fixed)
 
 
 def _points(
     xyz: NDArray[Any],
+    step: int,
     column: Callable[[str], NDArray[Any] | None],
     settings: TopicSettings,
     into_fixed: Transform,
@@ -219,8 +223,9 @@ def _points(
         numbers = heights if by is None else by[near]
         span = span_of(numbers, settings.color_min, settings.color_max)
         colors = colored(numbers, span)
-    points = Points(kept, np.ascontiguousarray(colors), size_px=settings.pixels, span=span)
-    return (points,), _HERE
+    rows = near if step == 1 else near * step
+    colors = np.ascontiguousarray(colors)
+    return (Points(kept, colors, size_px=settings.pixels, span=span, rows=rows),), _HERE
 
 
 def _step(count: int, settings: TopicSettings) -> int:

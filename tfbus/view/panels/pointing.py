@@ -2,15 +2,27 @@
 
 import math
 from collections.abc import Callable
+from html import escape
 
 import numpy as np
 import viser
 
 from tfbus.base.wording import printable
 from tfbus.geometry.transform import Transform
+from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.topics import TOOLS, Tool
 from tfbus.view.frames import Floats
-from tfbus.view.panels.tools import MEASURE, Aim, ToolsPanel, measured_text, sent_text
+from tfbus.view.panels.tools import (
+    FINDERS,
+    MEASURE,
+    SELECT,
+    Aim,
+    ToolsPanel,
+    measured_text,
+    picked_html,
+    place_text,
+    sent_text,
+)
 from tfbus.view.scene.camera import Cameras, Ray, Viewport
 from tfbus.view.scene.drawn import Drawn, place_of, unit_mesh
 
@@ -24,6 +36,14 @@ _LEAST_DRAG_PX = 5.0
 _NOTE_S = 4.0
 
 _MEASURED = (20, 120, 200)
+_SELECTED = (255, 0, 160)
+# The mark of a selected point is so wide in the picture of its browser.
+_SELECTED_PX = 10.0
+
+_MARKS = {
+    MEASURE: ("measured", "measured from", "measured text"),
+    SELECT: ("selected", "selected text"),
+}
 
 
 def mark_size(axes_m: float, way_m: float) -> float:
@@ -46,17 +66,26 @@ class Pointing:
         self._panel = panel
         self._starts: dict[int, tuple[str, Place]] = {}
         self._met_by: Callable[[Ray], float] = lambda ray: math.inf
+        self._point_met_by: Callable[[Ray], PickedPoint | None] = lambda ray: None
         self._axes_m = 0.0
 
-    def use(self, fixed_frame: str, axes_m: float, met_by: Callable[[Ray], float]) -> None:
+    def use(
+        self,
+        fixed_frame: str,
+        axes_m: float,
+        met_by: Callable[[Ray], float],
+        point_met_by: Callable[[Ray], PickedPoint | None],
+    ) -> None:
         """Use the aims of browsers since the last call, in a fixed frame, "" while there is none.
 
-        `axes_m` is the length of axes, `met_by(ray)` the way in m to shapes of robots and messages.
+        `axes_m` is the length of axes, `met_by(ray)` the way in m to shapes of robots and messages,
+        `point_met_by(ray)` the first point of a cloud or scan.
         """
-        self._axes_m, self._met_by = axes_m, met_by
-        if self._panel.take_clear():
-            self._starts.clear()
-            self._unmark("measured", "measured from", "measured text")
+        self._axes_m, self._met_by, self._point_met_by = axes_m, met_by, point_met_by
+        for tool in self._panel.take_cleared():
+            self._unmark(*_MARKS[tool])
+            if tool == MEASURE:
+                self._starts.clear()
         for aim in self._panel.take():
             window = self._cameras.window(aim.client)
             if window is None:
@@ -65,11 +94,13 @@ class Pointing:
                 why = "There are no frames yet to aim in."
             elif aim.tool == MEASURE:
                 why = self._measure(aim, window, fixed_frame)
+            elif aim.tool == SELECT:
+                why = self._select(window.ray(aim.start), fixed_frame)
             else:
                 why = self._send(aim, TOOLS[aim.tool], window, fixed_frame)
             client = self._server.get_clients().get(aim.client)
             if why and client is not None:
-                done = "measured" if aim.tool == MEASURE else "sent"
+                done = FINDERS[aim.tool].done if aim.tool in FINDERS else "sent"
                 client.add_notification(f"Nothing was {done}", why, auto_close_seconds=_NOTE_S)
 
     def _measure(self, aim: Aim, window: Viewport, fixed_frame: str) -> str:
@@ -87,7 +118,7 @@ class Pointing:
             self._mark("measured from", fixed_frame, "sphere", _MEASURED, xyz, 0.0, size_m)
             return ""
         text = measured_text(fixed_frame, start[1], xyz)
-        self._panel.note_measured(text)
+        self._panel.note_found(MEASURE, f"<b>{escape(text)}</b>")
         ends = np.array([[start[1], xyz]], np.float32)
         middle = (np.array(start[1]) + xyz) / 2.0
         scene = self._server.scene
@@ -99,6 +130,19 @@ class Pointing:
             ),
         )
         self._drawn.add_label("measured text", fixed_frame, text, middle)
+        return ""
+
+    def _select(self, ray: Ray, fixed_frame: str) -> str:
+        """Show a point of a cloud or scan, and mark it; why it cannot, "" if it can."""
+        point = self._point_met_by(ray)
+        if point is None:
+            return "There is no point of a cloud or scan."
+        self._panel.note_found(SELECT, picked_html(point))
+        xyz = point.places[fixed_frame]
+        size_m = _SELECTED_PX * ray.pixel_rad * math.dist(xyz, ray.origin)
+        self._mark("selected", fixed_frame, "sphere", _SELECTED, xyz, 0.0, size_m)
+        text = f"{printable(point.topic)} {point.index}: {place_text(xyz)}"
+        self._drawn.add_label("selected text", fixed_frame, text, np.array(xyz))
         return ""
 
     def _send(self, aim: Aim, tool: Tool, window: Viewport, fixed_frame: str) -> str:

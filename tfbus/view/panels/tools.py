@@ -1,5 +1,5 @@
-"""The tab of RViz's tools: a goal, an initial pose, a point and a distance, by the pointer on the
-scene.
+"""The tab of RViz's tools: a goal, an initial pose, a point, a distance and the selection of a
+point, by the pointer on the scene.
 
 A browser that has chosen a tool takes the next drag, or clicks, on the scene for it, in place of
 the camera.
@@ -16,6 +16,7 @@ from typing import Any
 import viser
 
 from tfbus.base.wording import counted, printable
+from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.topics import TOOLS, Tool, ToolPublishers
 from tfbus.view.panels.controls import Control
 from tfbus.view.panels.markup import Channel, Html, event
@@ -27,9 +28,22 @@ _AFTER_S = 1.0
 # Aims that wait for the page; a script makes more.
 _MOST_AIMS = 20
 
-# The tool that sends nothing.
-MEASURE = "measure"
-_MEASURE_KEY = "M"
+# The tools that send nothing. viser moves the camera by RViz's key of Select.
+MEASURE, SELECT = "measure", "select"
+
+
+@dataclass(frozen=True)
+class _Finder:
+    title: str
+    key: str
+    clicks: int
+    done: str
+
+
+FINDERS = {
+    MEASURE: _Finder("Measure", "M", 2, "measured"),
+    SELECT: _Finder("Select", "I", 1, "selected"),
+}
 
 # A message that nobody hears is not kept for later subscribers: robots would drive to old goals.
 _UNHEARD = '; <b class="tf-alarm">nobody subscribed: send it again once somebody does</b>'
@@ -52,8 +66,8 @@ class Aim:
 
 
 class ToolsPanel:
-    """Buttons of the tools, their topics, and the last messages and measures; without publishers
-    there is only the measuring tool.
+    """Buttons of the tools, their topics, and the last messages, measure and selected point;
+    without publishers there are only the tools that send nothing.
     """
 
     def __init__(
@@ -70,11 +84,11 @@ class ToolsPanel:
         self._changed_s = -math.inf
         # The last message of each tool, and whether anybody subscribed when it was sent.
         self._sent: dict[str, tuple[str, bool]] = {}
-        self._measured = ""
-        self._is_cleared = False
+        self._found = dict.fromkeys(FINDERS, "")
+        self._cleared: deque[str] = deque(maxlen=_MOST_AIMS)
         self._tools = TOOLS if publishers else {}
         gui.add_html(_buttons(self._tools))
-        self._measured_line = Html(gui.add_html(""))
+        self._found_lines = Html(gui.add_html(""))
         self._controls = {
             tool.setting: Control(
                 gui.add_text(f"{tool.title} on", tool.topic(view.settings)),
@@ -84,13 +98,13 @@ class ToolsPanel:
         }
         self._state = Html(gui.add_html(""))
         channel.on("tool", self._take)
-        channel.on("unmeasure", self._clear)
+        channel.on("unfind", self._clear)
 
     def refresh(self, now_s: float, subscribers: Callable[[str], int]) -> None:
         """Follow the settings, and show the sent messages; `now_s` is of a steady clock, and
         `subscribers(topic)` how many subscriptions there are.
         """
-        self._measured_line.show(_measured_html(self._measured))
+        self._found_lines.show("".join(map(_found_html, self._found, self._found.values())))
         if self.publishers is None:
             return
         settings = self._view.settings
@@ -121,14 +135,13 @@ class ToolsPanel:
         """Show the last message of a tool, and whether anybody subscribed to it."""
         self._sent[tool.name] = sent, was_heard
 
-    def note_measured(self, text: str) -> None:
-        """Show the last measure."""
-        self._measured = text
+    def note_found(self, tool: str, html: str) -> None:
+        """Show what a tool that sends nothing found last, as HTML."""
+        self._found[tool] = html
 
-    def take_clear(self) -> bool:
-        """Whether a browser asked since the last call to remove the measure."""
-        was, self._is_cleared = self._is_cleared, False
-        return was
+    def take_cleared(self) -> list[str]:
+        """The tools of which browsers asked since the last call to remove what they found."""
+        return [self._cleared.popleft() for _ in range(len(self._cleared))]
 
     def take(self) -> list[Aim]:
         """The uses of tools since the last call, the oldest first."""
@@ -138,12 +151,15 @@ class ToolsPanel:
         tool = str(event.get("tool"))
         start, end = _place(event.get("from")), _place(event.get("to"))
         client = event["client"]
-        is_known = tool in self._tools or tool == MEASURE
+        is_known = tool in self._tools or tool in FINDERS
         if is_known and start is not None and end is not None and client is not None:
             self._aims.append(Aim(client, tool, start, end, event.get("step", 1) == 1))
 
     def _clear(self, event: Mapping[str, Any]) -> None:
-        self._measured, self._is_cleared = "", True
+        tool = str(event.get("tool"))
+        if tool in self._found:
+            self._found[tool] = ""
+            self._cleared.append(tool)
 
 
 def sent_text(topic: str, frame_id: str, xyz: tuple[float, float, float], yaw_rad: float) -> str:
@@ -164,12 +180,30 @@ def measured_text(
     return f"{far_m:.3f} m: x {x:.3f}, y {y:.3f}, z {z:.3f} in {printable(frame_id)}"
 
 
-def _measured_html(text: str) -> str:
-    if not text:
+def picked_html(point: PickedPoint) -> str:
+    """A selected point: its index, its places by frame, and its columns."""
+    facts = {f"in {frame}": place_text(xyz) for frame, xyz in point.places.items()}
+    rows = "".join(
+        f"<dt>{escape(printable(name, 60))}</dt><dd>{escape(value)}</dd>"
+        for name, value in (facts | dict(point.columns)).items()
+    )
+    title = f"{escape(printable(point.topic))}: point {point.index}"
+    return f'<b>{title}</b><dl class="tf-facts">{rows}</dl>'
+
+
+def place_text(xyz: tuple[float, float, float]) -> str:
+    """The coordinates of a point, to the millimetre."""
+    # Not -0.000.
+    return ", ".join(f"{round(part, 3) + 0.0:.3f}" for part in xyz)
+
+
+def _found_html(tool: str, found: str) -> str:
+    if not found:
         return ""
+    remove = event("unfind", tool=f"'{tool}'")
     return (
-        f'<div class="tf" role="log" aria-label="measured"><b>{escape(text)}</b> '
-        f'<button class="tf-link" onclick="{event("unmeasure")}">remove</button></div>'
+        f'<div class="tf" role="log" aria-label="{FINDERS[tool].done}">{found} '
+        f'<button class="tf-link" onclick="{remove}">remove</button></div>'
     )
 
 
@@ -188,11 +222,11 @@ def _place(value: object) -> Place | None:
 
 def _buttons(tools: Mapping[str, Tool]) -> str:
     buttons = "".join(_button(tool.name, tool.title, tool.key) for tool in tools.values())
-    buttons += _button(MEASURE, "Measure", _MEASURE_KEY)
+    buttons += "".join(_button(name, each.title, each.key) for name, each in FINDERS.items())
     sends = "Drag on the ground for a pose, click for a point, twice" if tools else "Click twice"
     return (
         f'<div class="tf"><div class="tf-tools">{buttons}</div><div class="tf-dim">{sends} to '
-        "measure; Escape puts a tool away.</div></div>"
+        "measure, on a point of a cloud to select it; Escape puts a tool away.</div></div>"
     )
 
 
@@ -209,7 +243,10 @@ def script(*, sends: bool) -> str:
         tool.name: {"key": tool.key.lower(), "clicks": 1, "heading": tool.has_heading}
         for tool in (TOOLS.values() if sends else ())
     }
-    tools[MEASURE] = {"key": _MEASURE_KEY.lower(), "clicks": 2, "heading": False}
+    tools |= {
+        name: {"key": each.key.lower(), "clicks": each.clicks, "heading": False}
+        for name, each in FINDERS.items()
+    }
     return f"window.tfbusTools = {json.dumps(tools)};{_SCRIPT}"
 
 

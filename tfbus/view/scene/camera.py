@@ -14,8 +14,10 @@ from tfbus.geometry.transform import Transform
 from tfbus.view.frames import Floats, Placed
 from tfbus.view.scene.drawn import Region
 
-# A point is met by a ray that passes it within so many pixels.
+# A point is met by a ray that passes it within so many pixels; of points that are nearly as near as
+# the first, by this factor, it meets the one that it passes closest.
 _NEAR_PX = 6.0
+_AS_NEAR = 1.02
 # A ray meets the ground no farther away than this many times the height of the camera.
 _FARTHEST = 1e3
 
@@ -50,14 +52,22 @@ class Ray:
             return math.inf
         return float(abs(self.origin[2]) / down)
 
-    def to_points(self, xyz: NDArray[np.floating], radius_m: float = 0.0) -> float:
-        """The way in m to the nearest of points (N, 3) of this radius; infinity if none is met."""
+    def first_of(self, xyz: NDArray[np.floating]) -> tuple[int, float] | None:
+        """The row of the first of points (N, 3) and the way to it in m; None if none is met."""
         seen = xyz - self.origin
         depths = seen @ self.direction
         aside = np.linalg.norm(seen - depths[:, None] * self.direction, axis=1)
-        wide = np.maximum(radius_m, depths * (_NEAR_PX * self.pixel_rad))
-        met = depths[(depths > 0.0) & (aside <= wide)]
-        return float(met.min()) if len(met) else math.inf
+        met = np.flatnonzero((depths > 0.0) & (aside <= depths * (_NEAR_PX * self.pixel_rad)))
+        if not len(met):
+            return None
+        first = met[depths[met] <= _AS_NEAR * depths[met].min()]
+        row = first[np.argmin(aside[first] / depths[first])]
+        return int(row), float(depths[row])
+
+    def to_points(self, xyz: NDArray[np.floating]) -> float:
+        """The way in m to the first of points (N, 3); infinity if none is met."""
+        found = self.first_of(xyz)
+        return found[1] if found else math.inf
 
     def to_triangles(self, vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> float:
         """The way in m to the nearest of triangles, faces (F, 3) of vertices (V, 3), seen from

@@ -22,8 +22,16 @@ from tfbus.buffer.buffer import Buffer
 from tfbus.bus.graph import TopicInfo
 from tfbus.geometry.transform import Transform
 from tfbus.view.data.layer import TopicLayer
-from tfbus.view.data.shapes import Text
-from tfbus.view.data.topics import MOST_TOPICS, DataSource, Waiting, camera_topic, drawn_type
+from tfbus.view.data.picked import PickedPoint, picked
+from tfbus.view.data.shapes import Points, Text
+from tfbus.view.data.topics import (
+    MOST_TOPICS,
+    POINTS,
+    DataSource,
+    Waiting,
+    camera_topic,
+    drawn_type,
+)
 from tfbus.view.frames import Floats, Frames
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.items import DrawnItems, MeshNamed, NotDrawnError, some_points, way_to
@@ -155,6 +163,24 @@ class DataScenes:
             for shape in placed.item.shapes
         ]
         return min(ways, default=math.inf)
+
+    def point_met_by(self, ray: Ray, fixed_frame: str) -> PickedPoint | None:
+        """The first point of a cloud or scan in a ray of the fixed frame; None for none."""
+        first_m, first = math.inf, None
+        for topic, layer in self.layers.copy().items():
+            drawn = layer.placed.copy().values() if layer.waiting.message_type in POINTS else ()
+            for placed in drawn:
+                for shape in placed.item.shapes:
+                    if not isinstance(shape, Points):
+                        continue
+                    found = ray.seen_from(placed.pose).first_of(shape.xyz)
+                    if found is not None and found[1] < first_m:
+                        first_m, first = found[1], (topic, layer, placed, shape, found[0])
+        if first is None:
+            return None
+        topic, layer, placed, shape, row = first
+        message = layer.source_of(shape)
+        return picked(topic, shape, row, message, fixed_frame, placed.pose)
 
     def note(self, fixed_frame: str, frames: Frames) -> str:
         """The messages that wait for a transform to the fixed frame, and the frame to choose for

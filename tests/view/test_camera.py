@@ -16,7 +16,7 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 
 from tfbus.view.frames import Placed
 from tfbus.view.panels.markup import unless_it_left
-from tfbus.view.scene.camera import Cameras, around, region_of, with_points
+from tfbus.view.scene.camera import FRONT, Cameras, around, region_of, with_points
 from tfbus.view.scene.drawn import Region
 from tfbus.view.settings import Selections
 
@@ -197,7 +197,21 @@ def test_a_ball_around_two_holds_both_and_no_more() -> None:
     both = around(Region(np.zeros(3), 2.0), small)
     assert (both.middle.tolist(), both.radius_m) == ([2.0, 0.0, 0.0], 4.0)
     large = Region(np.zeros(3), 7.0)
-    assert around(large, small) is around(small, large) is large
+    for found in (around(large, small), around(small, large)):
+        assert (found.middle.tolist(), found.radius_m) == (large.middle.tolist(), large.radius_m)
+
+
+def test_all_is_seen_from_where_the_first_look_is_however_large_clouds_are() -> None:
+    """Those larger than the frames, smaller ones, and ones beside them: none turns the view."""
+    frames, robot = Region(np.zeros(3), 1.0), Region(np.zeros(3), 1.0, FRONT)
+    for middle, radius_m in (
+        ((0.0, 0.0, 0.0), 9.0),
+        ((0.0, 0.0, 0.0), 0.1),
+        ((5.0, 0.0, 0.0), 1.0),
+    ):
+        cloud = Region(np.array(middle), radius_m, FRONT)
+        assert around(frames, cloud).toward is None
+        assert around(robot, cloud).toward is FRONT
 
 
 def test_a_browser_that_leaves_is_no_error() -> None:

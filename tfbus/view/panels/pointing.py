@@ -142,7 +142,8 @@ class Pointing:
         size_m = _SELECTED_PX * ray.pixel_rad * math.dist(xyz, ray.origin)
         self._mark("selected", fixed_frame, "sphere", _SELECTED, xyz, 0.0, size_m)
         text = f"{printable(point.topic)} {point.index}: {place_text(xyz)}"
-        self._drawn.add_label("selected text", fixed_frame, text, np.array(xyz))
+        above = np.array((xyz[0], xyz[1], xyz[2] + size_m))
+        self._drawn.add_label("selected text", fixed_frame, text, above)
         return ""
 
     def _send(self, aim: Aim, tool: Tool, window: Viewport, fixed_frame: str) -> str:

@@ -207,15 +207,15 @@ def region_of_points(xyz: Floats) -> Region:
 
 
 def around(one: Region, other: Region) -> Region:
-    """The smallest ball around two."""
+    """The smallest ball around two; it is first seen from where the first one is."""
     apart_m = float(np.linalg.norm(other.middle - one.middle))
     if apart_m + other.radius_m <= one.radius_m:
         return one
     if apart_m + one.radius_m <= other.radius_m:
-        return other
+        return replace(other, toward=one.toward)
     radius_m = (apart_m + one.radius_m + other.radius_m) / 2.0
     part = (radius_m - one.radius_m) / apart_m
-    return Region(one.middle + part * (other.middle - one.middle), radius_m)
+    return Region(one.middle + part * (other.middle - one.middle), radius_m, one.toward)
 
 
 # Farther from the middle of frames than so many radii they would be lost in the view.
@@ -230,7 +230,7 @@ def with_points(frames: Region, xyz: Floats) -> Region:
     near = xyz[apart_m <= _LOST * frames.radius_m]
     if not len(near):
         return frames
-    return replace(around(frames, region_of_points(near)), toward=frames.toward)
+    return around(frames, region_of_points(near))
 
 
 class Cameras:

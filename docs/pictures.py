@@ -76,8 +76,16 @@ def view_recording() -> None:
 
 def robot() -> None:
     """The view of an arm, with its sliders."""
-    arm = ["launch", "robot", "view:=false"]
-    with bus(), running([arm]), view_of() as url, opened(url, (1280, 800)) as page:
+    # One that moves would leave the picture that it was in.
+    joints = (
+        "shoulder_pan=-0.5",
+        "shoulder_lift=-0.9",
+        "elbow=2",
+        "wrist_pitch=0.6",
+        "gripper=0.03",
+    )
+    arm = running(arm_at(*joints))
+    with bus(), arm, view_of() as url, opened(url, (1280, 800)) as page:
         page.get_by_role("tab", name="Robot").click()
         page.get_by_role("button", name="All (H)").click()
         page.wait_for_timeout(4000)
@@ -113,11 +121,9 @@ async def _photograph_top() -> None:
 
 def hand_eye() -> None:
     """The hand of the arm, with the camera where the URDF has it and where it was found."""
-    places = ("shoulder_lift=0.4", "elbow=1.2", "wrist_pitch=-0.2", "wrist_roll=3.1")
-    joints = ["joints", *(word for place in places for word in ("--set", place))]
-    arm = ["launch", "robot", "view:=false", "joints:=none"]
+    arm = arm_at("shoulder_lift=0.4", "elbow=1.2", "wrist_pitch=-0.2", "wrist_roll=3.1")
     chosen = {"link_axes": True, "only": "^camera(_found)?$"}
-    with bus(), running([arm, joints]), example("hand_eye.py"):
+    with bus(), running(arm), example("hand_eye.py"):
         tfbus("echo", "base_link", "camera_found", "--once")
         with view_of(**chosen) as url:
             photograph("hand_eye", url, (0.74, -0.34, 0.76), (0.46, 0.0, 0.53))
@@ -224,6 +230,12 @@ def turtles() -> Iterator[None]:
         tfbus("echo", "world", "turtle2", "--count", "1")
         time.sleep(_SETTLED_S)
         yield
+
+
+def arm_at(*joints: str) -> list[list[str]]:
+    """The commands of an arm whose joints stand still, at values such as `elbow=1.2`."""
+    still = [word for joint in joints for word in ("--set", joint)]
+    return [["launch", "robot", "view:=false", "joints:=none"], ["joints", *still]]
 
 
 @contextmanager

@@ -841,6 +841,18 @@ def test_a_path_has_a_width_and_its_poses_are_drawn_as_arrows_or_axes(buffer: Bu
     assert lines_and_poses(replace(path, poses=()), "plan:poses=arrows", buffer)[0] == [0.0]
 
 
+@pytest.mark.parametrize("poses", ["arrows", "axes"])
+def test_a_pose_that_browsers_cannot_place_is_left_out(buffer: Buffer, poses: str) -> None:
+    """The others are drawn: browsers have numbers of 32 bits."""
+    far = PoseStamped(0, "map", Pose3D(Vector3(1e300, 0.0, 0.0)))
+    path = Path(2 * S, "map", (far, PoseStamped(0, "map")))
+    array = PoseArray(2 * S, "map", np.array([(1e300, 0, 0, 0, 0, 0, 1), (0, 0, 0, 0, 0, 0, 1)]))
+    for message in (path, array):
+        _, [found] = lines_and_poses(message, f"plan:poses={poses}", buffer)
+        assert len(found.xyz) == {"arrows": 1, "axes": 3}[poses]
+        assert np.abs(found.xyz).max() < 1.0
+
+
 @pytest.mark.parametrize("kind", ["poses", "a pose", "doubt", "odometry"])
 def test_poses_of_each_kind_of_message_are_arrows_axes_or_none(kind: str, buffer: Buffer) -> None:
     """The ellipsoid of what is not known stays."""

@@ -281,6 +281,7 @@ def _drawn_poses(
     """Poses (N, 7) as arrows along x, unless the settings say otherwise."""
     if settings.poses == "none":
         return ()
+    poses = poses[(np.abs(poses[:, :3]) <= _FARTHEST_M).all(axis=1)]
     arrays = TransformArray(poses[:, :3], poses[:, 3:])
     long_m = settings.scale * _POSE_M
     if settings.poses == "axes":

@@ -21,7 +21,7 @@ from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
 from tfbus.view.data.layer import TopicLayer
 from tfbus.view.replay import RecordedData, Replay
-from tfbus.view.settings import TopicSettings
+from tfbus.view.settings import TopicSettings, topic_of
 from tfbus.wire.codec import decode_map, encode_message, type_name
 from tfbus.wire.fleet import Fleet
 
@@ -225,7 +225,8 @@ def drawn(replay: Replay, topic: str, **settings: float) -> dict[object, float]:
     """The items of a topic that a page draws at the cursor, and where along x of the map."""
     data = RecordedData(replay)
     try:
-        data.want(data.topics())
+        topics = data.topics()
+        data.want({**topics, topic: topics[topic_of(topic)]})
         now_s = data.catch_up(0.0)
         waiting = data.waiting(topic)
         assert waiting is not None
@@ -292,7 +293,8 @@ def test_messages_are_drawn_as_they_were_at_the_cursor(seen: Path, seconds: list
             replay.playhead.seek(at(second))
             replay.move(second, is_watched=True)
             clouds, markers, poses = SEEN[second]
-            assert [*drawn(replay, "points", decay_s=1.0).values()] == clouds
+            for name in ("points", "points#2"):
+                assert [*drawn(replay, name, decay_s=1.0).values()] == clouds
             assert {*drawn(replay, "markers")} == markers
             assert [*drawn(replay, "where").values()] == poses
             if ("some", 1) in markers:

@@ -166,21 +166,19 @@ class DataScenes:
 
     def point_met_by(self, ray: Ray, fixed_frame: str) -> PickedPoint | None:
         """The first point of a cloud or scan in a ray of the fixed frame; None for none."""
-        first_m, first = math.inf, None
-        for topic, layer in self.layers.copy().items():
-            drawn = layer.placed.copy().values() if layer.waiting.message_type in POINTS else ()
-            for placed in drawn:
-                for shape in placed.item.shapes:
-                    if not isinstance(shape, Points):
-                        continue
-                    found = ray.seen_from(placed.pose).first_of(shape.xyz)
-                    if found is not None and found[1] < first_m:
-                        first_m, first = found[1], (topic, layer, placed, shape, found[0])
-        if first is None:
+        met = [
+            (first, topic, layer, points, placed.pose)
+            for topic, layer in self.layers.copy().items()
+            if layer.waiting.message_type in POINTS
+            for placed in layer.placed.copy().values()
+            for points in placed.item.shapes
+            if isinstance(points, Points)
+            if (first := ray.seen_from(placed.pose).first_of(points.xyz)) is not None
+        ]
+        if not met:
             return None
-        topic, layer, placed, shape, row = first
-        message = layer.source_of(shape)
-        return picked(topic, shape, row, message, fixed_frame, placed.pose)
+        (row, _), topic, layer, points, pose = min(met, key=lambda each: each[0][1])
+        return picked(topic, points, row, layer.source_of(points), fixed_frame, pose)
 
     def note(self, fixed_frame: str, frames: Frames) -> str:
         """The messages that wait for a transform to the fixed frame, and the frame to choose for

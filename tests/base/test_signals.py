@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -145,6 +146,30 @@ def test_ctrl_c_counts_though_a_finalizer_swallows_it(signals: StopSignals) -> N
         _Ending()
         threading.Event().wait(DEADLINE_S)
     assert signals.stopped
+
+
+def test_a_hook_that_is_stacked_on_ours_is_called_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each error of a finalizer passes each hook once, though all nodes were closed and new ones
+    made meanwhile; the last one leaves the hook of the other library in force.
+    """
+    seen: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", seen.append)
+    first = StopSignals()
+    ours = sys.unraisablehook
+
+    def stacked(unraisable: "sys.UnraisableHookArgs") -> None:
+        seen.append("stacked")
+        assert seen.count("stacked") < 10
+        ours(unraisable)
+
+    monkeypatch.setattr(sys, "unraisablehook", stacked)
+    first.uninstall()
+    second = StopSignals()
+    error = SimpleNamespace(exc_type=ValueError)
+    sys.unraisablehook(error)
+    second.uninstall()
+    assert seen == ["stacked", error]
+    assert sys.unraisablehook is stacked
 
 
 def test_outside_of_a_wait_ctrl_c_raises_keyboard_interrupt(signals: StopSignals) -> None:

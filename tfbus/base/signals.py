@@ -10,6 +10,7 @@ import time
 import weakref
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -333,7 +334,8 @@ class SignalHandlers:
         # Signals that have come within `postponed`; None outside of it.
         self.postponed: set[int] | None = None
         self._interrupted_s = -math.inf
-        self._former_hook: Callable[[Any], object] | None = None
+        # The hook of the last install, with the hook that it has replaced.
+        self._hook: partial[None] | None = None
 
     def install(self, signals: StopSignals) -> None:
         """Signals are for this object too, in the main thread."""
@@ -342,7 +344,10 @@ class SignalHandlers:
                 self.previous[number] = signal.signal(number, self.on_signal)
             if not scheduler.is_simulated:
                 _poker.install()
-                self._former_hook, sys.unraisablehook = sys.unraisablehook, self.on_unraisable
+                # A new one each time, with the former of its own: another library may have stacked
+                # its hook on an older one of ours, and two that call each other never end.
+                self._hook = partial(self.on_unraisable, sys.unraisablehook)
+                sys.unraisablehook = self._hook
         self.installed.append(signals)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
@@ -362,12 +367,12 @@ class SignalHandlers:
             self._interrupted_s = now_s
             raise KeyboardInterrupt
 
-    def on_unraisable(self, unraisable: Any) -> None:
+    def on_unraisable(self, former_hook: Callable[[Any], object], unraisable: Any) -> None:
         """Raise KeyboardInterrupt again if the signal came in a finalizer, which swallows it."""
         if issubclass(unraisable.exc_type, KeyboardInterrupt) and self.installed:
             interrupt_again()
         else:
-            (self._former_hook or sys.__unraisablehook__)(unraisable)
+            former_hook(unraisable)
 
     def forget_interrupt(self) -> None:
         """Raise KeyboardInterrupt at the next signal, however soon it comes."""
@@ -377,8 +382,8 @@ class SignalHandlers:
         """The handlers of before."""
         if not scheduler.is_simulated:
             _poker.uninstall()
-            if sys.unraisablehook == self.on_unraisable:
-                sys.unraisablehook = self._former_hook or sys.__unraisablehook__
+            if self._hook is not None and sys.unraisablehook is self._hook:
+                sys.unraisablehook, self._hook = self._hook.args[0], None
         for number, previous in self.previous.items():
             # Bound methods are made anew each time: equal, never the same.
             if signal.getsignal(number) in (self.on_signal, _poker.on_poke):

@@ -1,9 +1,14 @@
-"""A lock of a folder, which one process holds at a time."""
+"""A lock of a folder or file, which one process holds at a time."""
 
+import os
+from contextlib import closing
 from pathlib import Path
 
+import pytest
+
 from tests.fakes import InAThread
-from tfbus.base.file_lock import locked
+from tfbus.base import scheduler
+from tfbus.base.file_lock import hold, is_held, let_go, locked
 
 
 def test_one_holds_it_at_a_time(tmp_path: Path) -> None:
@@ -23,3 +28,55 @@ def test_one_holds_it_at_a_time(tmp_path: Path) -> None:
     assert done == ["held", "waited"]
     with locked(tmp_path, waits=False) as third:
         assert third
+
+
+class _Copy:
+    """A copy of a descriptor, as a forked child has one."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = os.dup(descriptor)
+
+    def close(self) -> None:
+        os.close(self._descriptor)
+
+
+def test_a_child_that_lives_on_keeps_no_lock(tmp_path: Path) -> None:
+    """A file's lock is free once its holder let go, though a forked child has the file open."""
+    path = tmp_path / "file"
+    with path.open("xb") as file, closing(_Copy(file.fileno())):
+        hold(file)
+        assert is_held(path)
+        let_go(file)
+        assert not is_held(path)
+
+
+def test_a_child_that_lives_on_keeps_no_lock_of_a_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A folder's lock is free at the end of its `with`."""
+    opened: list[int] = []
+    system_open = os.open
+
+    def note(*given: object) -> int:
+        opened.append(system_open(*given))  # type: ignore[arg-type]
+        return opened[-1]
+
+    monkeypatch.setattr(os, "open", note)
+    with locked(tmp_path, waits=False):
+        copy = _Copy(opened[0])
+    with closing(copy), locked(tmp_path, waits=False) as again:
+        assert again
+
+
+def test_it_is_held_though_somebody_asked_at_that_instant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Somebody who asks has the lock until then, and it is tried again."""
+    import fcntl
+
+    path = tmp_path / "file"
+    with path.open("xb") as file, path.open("rb") as asking:
+        fcntl.flock(asking, fcntl.LOCK_SH)
+        monkeypatch.setattr(scheduler, "sleep", lambda _: fcntl.flock(asking, fcntl.LOCK_UN))
+        hold(file)
+        assert is_held(path)

@@ -1,5 +1,8 @@
 """The lock of a file or folder: of all processes of this host one holds it, until it lets go or
-ends. On a system without such locks, as Windows, nobody is known to hold one.
+ends. On a system without such locks, as Windows, none is ever known to be held.
+
+A forked child has the open files of its parent, and with them their locks, so that to close one is
+not enough to let go.
 """
 
 import os
@@ -7,6 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
+
+from tfbus.base import scheduler
+
+# Somebody who asks whether a lock is held has it for an instant.
+_TRIES = 20
+_TRY_EVERY_S = 0.001
 
 
 @contextmanager
@@ -21,19 +30,30 @@ def locked(folder: Path, *, waits: bool) -> Iterator[bool]:
     try:
         yield _lock(descriptor, "LOCK_EX", waits=waits)
     finally:
+        _let_go(descriptor)
         os.close(descriptor)
 
 
 def hold(file: BinaryIO) -> None:
-    """Hold the lock of an open file until it is closed, unless somebody else has it."""
-    _lock(file.fileno(), "LOCK_EX", waits=False)
+    """Hold the lock of an open file until `let_go`, unless somebody else goes on to have it."""
+    for _ in range(_TRIES):
+        if _lock(file.fileno(), "LOCK_EX", waits=False):
+            break
+        scheduler.sleep(_TRY_EVERY_S)
+
+
+def let_go(file: BinaryIO) -> None:
+    """Hold the lock of an open file no longer."""
+    _let_go(file.fileno())
 
 
 def is_held(path: Path) -> bool:
     """Whether a process holds the lock of a file."""
     with suppress(OSError), path.open("rb") as file:
         # Others that ask, too, are not taken for one.
-        return not _lock(file.fileno(), "LOCK_SH", waits=False)
+        is_free = _lock(file.fileno(), "LOCK_SH", waits=False)
+        let_go(file)
+        return not is_free
     return False
 
 
@@ -48,3 +68,11 @@ def _lock(descriptor: int, kind: str, *, waits: bool) -> bool:
     except (ImportError, OSError):  # as of a folder on another machine
         return True
     return True
+
+
+def _let_go(descriptor: int) -> None:
+    """Let go of the lock, if this open file has it."""
+    with suppress(ImportError, OSError):
+        import fcntl
+
+        fcntl.flock(descriptor, fcntl.LOCK_UN)

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
 from tfbus.base.errors import InvalidArgumentException
-from tfbus.base.file_lock import hold
+from tfbus.base.file_lock import hold, let_go
 from tfbus.base.installation import installed_version
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
@@ -170,6 +170,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
                     self._file.flush()
         finally:
             self._size = self._file.tell()
+            let_go(self._file)
             self._abandon() if self._has_failed else self._file.close()
 
     def _write(self, item: Item) -> None:

@@ -346,7 +346,7 @@ def test_each_module_of_ported_names_may_be_imported_first() -> None:
 
 
 def test_every_module_of_ported_names_is_listed() -> None:
-    """Those that list names."""
+    """A module of ported names is one that lists names."""
     found = {
         name.removeprefix("tfbus.compat.")
         for _, name, _ in pkgutil.walk_packages(tfbus.compat.__path__, "tfbus.compat.")

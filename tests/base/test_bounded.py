@@ -15,7 +15,7 @@ def test_the_item_that_was_assigned_longest_ago_goes() -> None:
 
 
 def test_items_that_go_are_counted_and_handed_on() -> None:
-    """Those that are removed by others are not."""
+    """Items that are removed by others are not."""
     gone: list[tuple[int, str]] = []
     table: Bounded[int, str] = Bounded(1, lambda key, value: gone.append((key, value)))
     table[1] = "one"

@@ -60,7 +60,7 @@ def test_a_late_sample_takes_the_place_of_the_oldest() -> None:
 
 
 def test_lookups_that_a_longer_cache_would_answer_are_counted() -> None:
-    """Those before the oldest sample of a frame that has filled the cache, with the furthest."""
+    """They are before the oldest sample of a frame with a full cache; the furthest is told."""
     buffer = Buffer(1.0)
 
     def ask(stamp_ns: int | None, source: str = "robot") -> tuple[int, int]:

@@ -257,7 +257,7 @@ class TreeMachine(RuleBasedStateMachine):
 
     @rule(names=st.lists(frames), authority=authorities)
     def remove_sent(self, names, authority):
-        """Those of some frames that an authority sent last."""
+        """Remove the frames of some names that an authority sent last."""
         self.buffer.remove_sent(names, authority)
         for name in names:
             if name in self.model.sent_by(authority):

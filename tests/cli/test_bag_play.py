@@ -167,7 +167,7 @@ def test_mistakes_are_one_sentence(run_mcap: Path, arguments: list[str], said: s
 
 
 def test_options_of_ros2_bag_are_known() -> None:
-    """Those that mean the same here have the same names."""
+    """Options that mean the same here have the same names."""
     names = {name for param in command.params for name in (*param.opts, *param.secondary_opts)}
     assert {
         "--rate",

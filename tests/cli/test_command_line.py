@@ -361,7 +361,7 @@ class TestCommands:
         assert listed and "..." not in listed
 
     def test_the_list_has_each_command_under_one_job(self) -> None:
-        """Those to begin with are first, and turtles are apart."""
+        """The commands to begin with are first, and turtles are apart."""
         listed = [name for names in JOBS.values() for name in names]
         assert sorted(listed) == sorted([*TOOLS, *NODES])
         text = CliRunner().invoke(main, ["--help"]).output

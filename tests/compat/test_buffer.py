@@ -180,7 +180,7 @@ def test_asyncio_waits_for_a_transform() -> None:
 
 
 def test_callbacks_of_a_future_are_called_once() -> None:
-    """Those that were added before, and those that come too late."""
+    """Callbacks that were added before are, and callbacks that come too late."""
     buffer, called = Buffer(), []
     future = buffer.wait_for_transform_async("a", "b", Time())
     future.add_done_callback(lambda done: called.append(done.result()))

@@ -306,7 +306,7 @@ def test_services_of_ros_are_served_and_called(rclpy: ModuleType) -> None:
 
 
 def test_ported_types_are_listed_by_their_names_in_ros(rclpy: ModuleType, bus: Bus) -> None:
-    """Those that tfbus has too by its own names."""
+    """Types that tfbus has too are listed by its own names."""
     node, own = rclpy.create_node("ported"), bus.node("own")
     node.create_publisher(Imu, "imu", 10)
     node.create_publisher(Odometry, "odom", 10)

@@ -220,7 +220,7 @@ def test_spin_thread_runs_the_callbacks_of_the_node(rclpy: ModuleType) -> None:
 
 
 def test_messages_arrive_in_ros_layout(rclpy: ModuleType, bus: Bus) -> None:
-    """Those that tfbus has in another layout too; a node of tfbus reads and writes its own."""
+    """So do messages that tfbus has in another layout; a node of tfbus reads and writes its own."""
     node, own, got, read = rclpy.create_node("ported"), bus.node("own"), [], []
     node.create_subscription(Pose, "pose", got.append, 10)
     node.create_subscription(JointState, "joints", got.append, 10)
@@ -458,7 +458,9 @@ def test_mistakes_with_parameters_are_errors(rclpy: ModuleType) -> None:
     ],
 )
 def test_arguments_of_nodes_are_known(args: list[str], own: list[str], of_nodes: list[str]) -> None:
-    """Those of ROS, and those that `tfbus launch` puts first; all others are the program's."""
+    """Nodes know the arguments of ROS, and those that `tfbus launch` puts first; the program has
+    all others.
+    """
     assert split_arguments(args) == (own, of_nodes)
     assert remove_ros_args(args) == own
 

@@ -28,7 +28,7 @@ def first_lines(example: Path) -> str:
 
 
 def test_each_example_that_can_be_looked_at_has_a_picture() -> None:
-    """Those whose first lines name a view, and the notebook, which draws its buffer."""
+    """Examples whose first lines name a view have, and the notebook, which draws its buffer."""
     shown = {
         example.stem
         for example in EXAMPLES

@@ -239,7 +239,7 @@ def test_all_refuse_the_same_messages(wire: ModuleType, program: str) -> None:
 
 
 def test_all_refuse_the_same_messages_with_numbers(wire: ModuleType, program: str) -> None:
-    """Those of either form, with the description of their stream, or before it comes."""
+    """Messages of either form, with the description of their stream, or before it comes."""
     named = [(0, "world", "a"), (1, "a", "b"), (3, "b", "c")]
     origins = struct.pack("<21d", *POSE * 3)
     good = wire.Description("/n", 5, [], poses="compact", next_number=5)

@@ -98,7 +98,7 @@ class TestZenoh:
     @pytest.mark.real
     @pytest.mark.parametrize("namespace", ["", "robot1"])
     def test_nodes_on_the_bus_are_found(self, bus: Bus, namespace: str) -> None:
-        """Those of rmw_zenoh and zenoh-bridge-ros2dds, from within any namespace."""
+        """Nodes of rmw_zenoh and zenoh-bridge-ros2dds are, from within any namespace."""
         ros2 = Ros2(bus.endpoint, domain=3)
         ros2.rmw_zenoh()
         ros2.bridge()

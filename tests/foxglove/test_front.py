@@ -153,7 +153,7 @@ def is_dropped(client: socket.socket, garbage: bytes) -> bool:
 def test_requests_that_are_never_sent_shut_nobody_out(
     front: Front, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those who hold connections open without a request lose the first of them to newcomers."""
+    """Connections that are held open without a request give way to newcomers, the oldest first."""
     # None of them is answered that its time is over.
     monkeypatch.setattr("tfbus.foxglove.front._PATIENCE_S", DEADLINE_S)
     held = []
@@ -173,7 +173,7 @@ def test_requests_that_are_never_sent_shut_nobody_out(
 
 
 def test_there_is_a_limit_of_clients(front: Front) -> None:
-    """Those beyond it are told, and let in once there is room."""
+    """Further clients are told, and let in once there is room."""
     with ExitStack() as all_of_them:
         for _ in range(MOST_CLIENTS):
             all_of_them.enter_context(Client(front.port))

@@ -149,7 +149,7 @@ _LIBRARIES = ("@foxglove/ws-protocol", "@foxglove/rosmsg", "@foxglove/rosmsg2-se
 
 @pytest.mark.real
 def test_foxgloves_own_libraries_read_it(bus: Bus) -> None:
-    """Those of npm, where node finds them (NODE_PATH)."""
+    """The libraries are those of npm, where node finds them (NODE_PATH)."""
     node = needs.program("node")
     for library in _LIBRARIES:
         if subprocess.run([node, "-e", f"require('{library}')"], capture_output=True).returncode:

@@ -47,7 +47,9 @@ def poses(bag: BagChoice, source: str, rate_hz: float | None = None) -> dict[flo
 
 
 def test_a_pose_comes_for_each_sample_of_the_source(bag: BagChoice) -> None:
-    """Those of the first dynamic frame on the way, interpolated between samples of the others."""
+    """The source is the first dynamic frame on the way; between samples of other frames it
+    interpolates.
+    """
     found = poses(bag, "tool")
     assert list(found) == [pytest.approx(number / 5) for number in range(50)]
     assert found[4.2] == pytest.approx(8.9)

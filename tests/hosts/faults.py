@@ -51,7 +51,7 @@ class InjuredHosts:
     # What is there
 
     def living(self, names: dict[str, str]) -> list[str]:
-        """Those of the names whose process was not killed."""
+        """The names whose process was not killed."""
         return sorted(name for name in names if name in self._processes)
 
     def report(self, witness: str) -> dict[str, Any]:

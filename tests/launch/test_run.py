@@ -136,7 +136,7 @@ class Launch(Output):
 
 
 def said(lines: Sequence[str], name: str) -> list[str]:
-    """Those of the lines that one process wrote."""
+    """The lines that one process wrote."""
     return [line.removeprefix(f"[{name}] ") for line in lines if line.startswith(f"[{name}] ")]
 
 

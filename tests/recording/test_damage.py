@@ -57,7 +57,7 @@ def without_summary(path: Path) -> None:
 
 
 def numbers(reader: RecordingReader) -> list[int]:
-    """Those of the dynamic messages."""
+    """The numbers of the dynamic messages."""
     return [
         item.seq
         for item in reader.items()

@@ -45,7 +45,7 @@ def salvaged(path: Path) -> tuple[list[Item], Loss]:
 
 
 def log_times(items: Iterable[Item]) -> list[int]:
-    """Those of the transforms."""
+    """The log times of the transforms."""
     return [item.log_ns for item in items if isinstance(item, TransformItem)]
 
 
@@ -76,7 +76,7 @@ def test_wherever_it_is_cut_all_whole_chunks_are_there(tmp_path: Path) -> None:
 
 
 def test_a_damaged_chunk_is_left_out(tmp_path: Path) -> None:
-    """Those before and behind it are there, whichever byte of it is wrong."""
+    """The chunks before and behind it are there, whichever byte of it is wrong."""
     path = tmp_path / "a.mcap"
     expected = write(path)
     with RecordingReader(path) as reader:

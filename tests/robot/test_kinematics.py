@@ -208,7 +208,7 @@ def test_an_infinite_limit_is_none(
 def test_soft_limits_narrow_the_reach(
     soft: tuple[float, float], reach: tuple[float, float]
 ) -> None:
-    """Those outside of the limits are ignored."""
+    """Soft limits outside of the limits are ignored."""
     lower, upper = soft
     lift = lift_of(
         "<limit lower='0' upper='2'/>"

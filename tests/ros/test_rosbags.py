@@ -70,7 +70,7 @@ def test_rosbags_knows_messages_of_services() -> None:
 
 
 def test_default_values_and_names_are_kept() -> None:
-    """Those that stand behind a field in a definition, and in a comment in a recording."""
+    """A default stands behind a field in a definition, a name in a comment in a recording."""
     assert message_of(WITH_DEFAULT).fields[0].default == 2.5
     assert message_of(WITH_KEY).fields[0].key == "iTOW"
 

@@ -235,7 +235,7 @@ def test_a_stream_that_is_back_is_asked_again() -> None:
 
 
 def test_messages_that_are_missing_are_asked_for_though_the_stream_never_left() -> None:
-    """Those of the silence before the one that came."""
+    """They are the messages of the silence before the one that came."""
     past = Past()
     past.history.miss("tf/sim", cast(StreamReception, past), 2.0)
     assert not past.questions

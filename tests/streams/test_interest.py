@@ -277,7 +277,7 @@ class Read:
 
     @property
     def keys(self) -> set[str]:
-        """Those of subscriptions that are open; each of one."""
+        """The keys of subscriptions that are open; each of one."""
         assert len(self.open) == len({*self.open})
         return {*self.open}
 
@@ -329,8 +329,8 @@ def test_streams_of_lookups_that_are_not_repeated_are_left() -> None:
 
 
 def test_robots_are_asked_for_a_shared_frame_only_if_a_path_needs_it() -> None:
-    """Those whose frames are looked up are wanted at once; those that list a shared frame if half a
-    second later that is still needed, which it is not where it joins both frames. None is wanted
+    """Robots whose frames are looked up are wanted at once; robots that list a shared frame if half
+    a second later that is still needed, which it is not where it joins both frames. None is wanted
     any longer once it has not been looked up for long.
     """
     buffer, read, clock = Buffer(), Read(), [0.0]

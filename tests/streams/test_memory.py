@@ -13,7 +13,7 @@ from tfbus.streams.registry import Budget
 def test_streams_that_have_left_are_forgotten_with_their_frames(
     bus: Bus, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Those of a flood go by themselves once it is over, and the streams that are there stay."""
+    """Streams of a flood go by themselves once it is over, and the streams that are there stay."""
     monkeypatch.setattr("tfbus.streams.registry.MOST_GONE", 10)
     monkeypatch.setattr("tfbus.streams.listener._TIDY_EVERY_S", 0.05)
     buffer, budget = Buffer(), Budget()

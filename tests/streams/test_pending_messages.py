@@ -11,7 +11,7 @@ from tfbus.wire.transforms import TransformReader
 
 
 def test_messages_of_the_confirmed_epoch_are_received_in_their_order() -> None:
-    """Those of other epochs of the stream are thrown away, those of other streams stay."""
+    """Messages of other epochs of the stream are thrown away, messages of other streams stay."""
     held = PendingMessages()
     received: list[bytes] = []
     for stream, epoch_ns, data in (

@@ -157,7 +157,7 @@ def test_an_answer_of_another_epoch_does_not_settle_the_wanted_one(questions: Qu
 
 
 def test_descriptions_that_come_together_are_all_read(questions: Questions) -> None:
-    """Those that come while one waits to be read begin no other reading, and wait for none."""
+    """Descriptions that come while one is to be read begin no other reading, and wait for none."""
     for number in range(5):
         key = f"@tfbus/stream/s{number}"
         questions.describe(key, encode_message(description(number)))

@@ -99,7 +99,7 @@ def test_a_recording_plays_and_is_sought_in_a_browser(bus: Bus, path: Path, page
 
 
 def test_keys_play_seek_and_step(bus: Bus, path: Path, pages: Any) -> None:
-    """Those of players of films; on the timeline the arrows."""
+    """The keys are those of players of films; on the timeline the arrows."""
     _, address = start(bus, path, "--at", "+2s")
     view = View(pages.new_page(), address)
     view.wait_for_status("base", "dynamic")

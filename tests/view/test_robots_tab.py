@@ -49,7 +49,7 @@ class Robots(GivenRobots):
         self.there: Sequence[ShownRobot] = ()
 
     def robots(self) -> Sequence[ShownRobot]:
-        """Those there now."""
+        """The robots that are there now."""
         return self.there
 
     def joints(self, robot: ShownRobot) -> Arm | None:
@@ -85,7 +85,7 @@ def step(page: Page) -> None:
 
 
 def sliders(page: Page) -> Any:
-    """Those of the robot that is chosen."""
+    """The sliders of the robot that is chosen."""
     assert page.panel.robots_panel is not None
     return page.panel.robots_panel.sliders
 

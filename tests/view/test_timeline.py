@@ -151,7 +151,7 @@ def test_what_happens_to_several_streams_at_once_is_one_mark() -> None:
 
 
 def test_a_span_keeps_the_marks_that_it_has_something_of() -> None:
-    """Those that last into it, too."""
+    """Marks that last into it are kept, too."""
     marks = in_order(marks_of_events(EVENTS, at(END_S)))
     assert told(cut_to(marks, at(5.5), at(7.0))) == IN_ORDER[:2]
 

@@ -112,7 +112,7 @@ def test_keys_of_ros_2_are_foreign(key: str) -> None:
 
 @given(names | awkward, names | awkward)
 def test_keys_of_streams_are_not_foreign(name: str, child: str) -> None:
-    """Those of each name that a stream can have are its own, and it has no other name."""
+    """The keys of each name that a stream can have are its own, and it has no other name."""
     token = f"lab/robot7/{keys.stream_key(name)}"
     own = [
         keys.transforms_key(name),

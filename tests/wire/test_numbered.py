@@ -174,7 +174,7 @@ def test_rows_keep_their_frames_and_stamps() -> None:
 
 
 def test_rows_without_names_are_left_out_and_counted() -> None:
-    """Those of numbers that are still to be described; not those that are no longer."""
+    """Rows of numbers that are still to be described are; not of numbers that are no longer."""
     payload = encoded(ORIGINS)
     fewer = FrameNumbers(EPOCH_NS, 2, NAMED[:1], ORIGINS[:1].tobytes())
     message = decode_transforms(payload, fewer)

@@ -12,8 +12,8 @@ from tfbus.base import scheduler
 from tfbus.base.structs import Struct
 from tfbus.bus.zenoh_sockets import Ends, Received
 
-# A link is deaf after so many leases in which bytes waited, and none was read. One that is read
-# reads a keep-alive in a quarter of the lease.
+# A link is deaf if for this many leases bytes waited, and none was read. A link that is read has a
+# keep-alive to read in each quarter of a lease.
 _LEASES = 3
 
 

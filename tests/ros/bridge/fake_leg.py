@@ -176,7 +176,7 @@ class FakeLeg:
         return FakeSubscription(self, topic, on_message)
 
     def publishers(self, topic: str) -> Sequence[RosPublisher]:
-        """Those of others."""
+        """The publishers of others."""
         with self.ros.lock:
             return [
                 RosPublisher(each.gid, each.leg.settings.full_name if self.names_nodes else "")

@@ -44,7 +44,7 @@ def test_late_joiners_of_ros_get_one_message_with_all(
 def test_late_joiners_of_the_bus_get_those_of_all_nodes_of_ros(
     bus: Bus, ros: FakeRos, bridged: Bridged
 ) -> None:
-    """Those that a node has sent in several messages, too."""
+    """Static transforms that a node has sent in several messages are, too."""
     first, second = TfNode(ros, "first"), TfNode(ros, "second")
     first.broadcast_static(at(1.0, "a"))
     second.broadcast_static(at(1.0, "b"))

@@ -35,8 +35,7 @@ class ClosedBus:
 
     def open(self) -> None:
         """Open the meeting point, once all identities are made."""
-        settings = self._settings("meeting", "meeting", listen=(self.endpoint,), connect=())
-        self._ends.append(Session(settings, logging.getLogger("test")))
+        self.session("meeting", listen=(self.endpoint,), connect=())
 
     def path(self, identity: str) -> Path:
         """The folder of an identity."""
@@ -47,6 +46,15 @@ class ClosedBus:
         node = Node(settings=self._settings(identity, name or identity, **given))
         self._ends.append(node)
         return node
+
+    def session(
+        self, identity: str, name: str = "", *, opens_alone: bool = False, **given: Any
+    ) -> Session:
+        """A session of an identity, as `node`."""
+        settings = self._settings(identity, name or identity, **given)
+        session = Session(settings, logging.getLogger("test"), opens_alone=opens_alone)
+        self._ends.append(session)
+        return session
 
     def _settings(self, identity: str, name: str, **given: Any) -> NodeSettings:
         fields: dict[str, Any] = {

@@ -373,6 +373,25 @@ def test_a_robot_s_own_router_carries_what_others_ask(tmp_path: Path) -> None:
         bus.close()
 
 
+def test_the_router_of_a_site_serves_it_before_its_hub_is_there(tmp_path: Path) -> None:
+    """It joins the hub, by their certificates as ever, once that is there."""
+    bus = ClosedBus(tmp_path, Identity("hub", "router"), Identity("ben", "operator"))
+    hub, own = (f"tls/127.0.0.1:{free_port()}" for _ in range(2))
+    try:
+        site = bus.session("hub", "site", opens_alone=True, mode="client", connect=hub, listen=own)
+        assert site.routers() == []
+        through = {"mode": "client", "listen": (), "connect": own}
+        names = {"ben_1", "ben_2"}
+        for name in names:
+            bus.node("ben", name, **through)
+        eventually(lambda: names == {each.name[1:] for each in ask_nodes(site).nodes})
+        bus.node("hub", mode="router", connect=(), listen=hub)
+        eventually(site.routers)
+        assert {*site.identities().values()} == {"ben", "hub"}
+    finally:
+        bus.close()
+
+
 def test_a_topic_of_an_operator_is_retained(bus: ClosedBus) -> None:
     """Who may publish a topic, and serve nothing, may answer with its last message."""
     publisher = bus.node("ben").create_publisher(Pose, "goal", retained=True)

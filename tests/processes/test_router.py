@@ -48,15 +48,15 @@ def test_it_names_an_endpoint_that_gives_it_no_link(bus: Bus, port: int, said: s
 
 def test_sites_of_a_hub_reach_each_other_again_after_it(bus: Bus) -> None:
     """A listener at one site has the frames of a robot at another through the hub, also of a robot
-    that begins after the hub was killed and is back; and what is within one site needs no hub.
+    that begins after the hub was killed and is back; and what is within one site needs no hub, nor
+    does it before the hub is there.
     """
     at_hub, *at_sites = (f"tcp/127.0.0.1:{free_port()}" for _ in range(3))
     alone = {"TFBUS_CONNECT": ""}
     sites = [bus.start("router", "--listen", at, "--hub", at_hub, env=alone) for at in at_sites]
-    sites[0].wait_for_line("Waiting for a router")
-    hub = bus.start("router", "--listen", at_hub, env=alone)
     for site in sites:
         site.wait_for_line("Routing on")
+    sites[0].wait_for_line("Waiting for a router")
     here, there = ({"TFBUS_MODE": "client", "TFBUS_CONNECT": at} for at in at_sites)
 
     def robot(name: str, at: dict[str, str]) -> None:
@@ -67,7 +67,10 @@ def test_sites_of_a_hub_reach_each_other_again_after_it(bus: Bus) -> None:
     buffer = Buffer()
     fleet = Fleet(shared_frames=("map",))
     with TransformListener(buffer, base, reads="needed", fleet=fleet):
+        robot("robot0", here)
+        assert buffer.lookup_transform("map", "robot0/base", timeout_s=DEADLINE_S).transform.x == 5
         robot("robot1", there)
+        hub = bus.start("router", "--listen", at_hub, env=alone)
         assert buffer.lookup_transform("map", "robot1/base", timeout_s=DEADLINE_S).transform.x == 5
         hub.kill()
         robot("robot2", here)

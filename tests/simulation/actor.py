@@ -21,7 +21,10 @@ class Actor:
 
     def __init__(self, name: str, options: dict[str, Any]) -> None:
         log = logging.getLogger(f"actor {name}")
-        self.session = Session(NodeSettings(name, **options), log, patience_s=10.0)
+        settings = NodeSettings(name, **options)
+        # The router of a site, which is a client, listens for its own clients.
+        is_site = settings.mode == "client" and bool(settings.listen)
+        self.session = Session(settings, log, patience_s=10.0, opens_alone=is_site)
         self.events: dict[str, list[str]] = {}
         self._declared: dict[str, Any] = {}
         self._held: list[Query] = []

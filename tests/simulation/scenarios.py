@@ -704,14 +704,15 @@ def all_tokens_end_with_the_router(stage: Stage) -> None:
 def _sites(stage: Stage):
     """A hub, and two sites: the router of each joins the hub as a client, and has one itself."""
     hub = stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
-    sites, clients = [], []
-    for host in ("h1", "h2"):
-        site = {"mode": "client", "listen": "tcp/[::]:7447", "connect": stage.address("h3")}
-        sites.append(stage.open(f"site_{host}", host, **site))
-        clients.append(
-            stage.open(f"robot_{host}", host, mode="client", connect=stage.address(host))
-        )
+    sites, clients = zip(*(_site(stage, host) for host in ("h1", "h2")), strict=True)
     return hub, sites, clients
+
+
+def _site(stage: Stage, host: str):
+    """The router of a site, and a client of it."""
+    site = {"mode": "client", "listen": "tcp/[::]:7447", "connect": stage.address("h3")}
+    router = stage.open(f"site_{host}", host, **site)
+    return router, stage.open(f"robot_{host}", host, mode="client", connect=stage.address(host))
 
 
 @scenario
@@ -757,6 +758,21 @@ def a_site_declares_its_tokens_to_a_hub_that_is_back(stage: Stage) -> None:
     b.expects("seen", "+t", "-t")
     stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
     b.expects("seen", "+t", "-t", "+t")
+
+
+@scenario
+def a_site_is_served_before_its_hub_is_there(stage: Stage) -> None:
+    _, a = _site(stage, "h1")
+    b = stage.open("b", "h1", mode="client", connect=stage.address("h1"))
+    _show_token(a, b)
+    _subscribe(a, b)
+    a.put("k", "x")
+    b.expects("in", "k=x")
+    stage.open("hub", "h3", mode="router", listen="tcp/[::]:7447")
+    _, far = _site(stage, "h2")
+    far.watch("seen", "t")
+    far.expects("seen", "+t")
+    assert b.events("seen") == ["+t"]
 
 
 @scenario

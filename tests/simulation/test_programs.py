@@ -361,8 +361,9 @@ def test_sites_of_a_hub_see_each_other(network: Network) -> None:
 
 
 def test_a_site_says_each_minute_that_it_waits_for_its_hub(network: Network) -> None:
-    """Until then its own nodes have no router either."""
+    """Meanwhile its own nodes have a router."""
     site = network.program(network.host("yard"), "tfbus", "router", "--hub", "tcp/hub:7447")
+    site.wait_for_line("Routing on")
     network.run(150.0)
     said = [line for line in site.stderr.splitlines() if "Waiting for a router" in line]
     assert len(said) == 3

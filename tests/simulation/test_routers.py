@@ -101,8 +101,6 @@ class Mesh:
         if kind == "router":
             network.kill(self._routers[number])
             network.run(self._draw.uniform(0.0, 3.0))
-            if number in self._sites:
-                network.heal()  # it waits for its hub
             self._start_router(number)
         elif kind == "client" and not self._routers[number].is_stopped:
             network.kill(self._actors[number][0])

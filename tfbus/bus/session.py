@@ -15,6 +15,7 @@ from tfbus.base.errors import BusError, RightsError
 from tfbus.base.structs import replace
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.first_link import open_alone
 from tfbus.bus.links import speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import (
@@ -73,10 +74,12 @@ class Session(NetworkSession):
         patience_s: float = 0.0,
         scouting_s: float | None = None,
         is_second: bool = False,
+        opens_alone: bool = False,
     ):
         """Open the session.
 
-        A client waits for its router for at most `patience_s` seconds. A peer opens alone after
+        A client waits for its router for at most `patience_s` seconds, or if it `opens_alone` not
+        at all, where there are sockets in files: not on Windows. A peer opens alone after
         `scouting_s` seconds without others (None: as configured). The second session of a process
         has an id of its own, and listens on other ports. Raises BusError if it cannot join the
         bus, as in a fork of a process that had joined it.
@@ -94,6 +97,7 @@ class Session(NetworkSession):
         self._neighbours: Neighbours | None = None
         self._deadline_s = scheduler.monotonic() + patience_s
         self._say_waiting_s = scheduler.monotonic()
+        self._opens_alone = opens_alone
         network = zenoh_library.simulated()
         with bus_errors(f"join the bus{_through(settings)}"):
             if network is None:
@@ -104,7 +108,7 @@ class Session(NetworkSession):
                 self._end_with_python()
             else:
                 self.network = network_of(settings.network)
-                self._open(partial(network.open_session, settings))
+                self._open(partial(network.open_session, settings, opens_alone=opens_alone))
         self.id = str(self.zenoh.zid())
 
     def _join(self, make_config: Callable[[], zenoh.Config]) -> None:
@@ -122,7 +126,7 @@ class Session(NetworkSession):
             self._scouting = scouting_of(config, settings)
             self._sockets = ZenohSockets()
             if self._scouting is None:
-                return zenoh.open(config)
+                return open_alone(config) if self._opens_alone else zenoh.open(config)
             marks = self._scouting.marks()
             opened, self._sockets = with_sockets(partial(zenoh.open, config), marks)
             return opened
@@ -158,8 +162,7 @@ class Session(NetworkSession):
             ) from error
         if scheduler.monotonic() >= self._say_waiting_s:
             self._say_waiting_s = scheduler.monotonic() + _SAY_WAITING_AGAIN_S
-            why = _why_no_link(settings)
-            self._log.warning("Waiting for a router%s", f": {why}" if why else _at(settings))
+            self._log.warning("Waiting for a router%s", self.why_no_router())
 
     def _meet_neighbours(self, log: logging.Logger | None) -> None:
         """Watch the network, on hosts where tfbus knows its interfaces."""
@@ -456,6 +459,13 @@ class Session(NetworkSession):
         """The ids of the routers that the session is connected to."""
         with self._errors("list the routers"):
             return [str(zid) for zid in self.zenoh.info.routers_zid()]
+
+    def why_no_router(self) -> str:
+        """The end of a sentence: at which endpoints no router answers, or why one gives no link;
+        within 2 s for each.
+        """
+        why = _why_no_link(self.settings)
+        return f": {why}" if why else _at(self.settings)
 
     def linked(self) -> set[str]:
         """The ids of the processes that it has a link to."""

@@ -2,11 +2,12 @@
 
 import logging
 import math
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 
 import click
 
+from tfbus.base.errors import BusError
 from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce, open_log
 from tfbus.base.signals import StopSignals
@@ -51,7 +52,7 @@ def command(settings: NodeSettings, hub: str | None) -> None:
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
     with (
-        Session(settings, log, patience_s=patience_s) as session,
+        Session(settings, log, patience_s=patience_s, opens_alone=hub is not None) as session,
         closing(Executor("router", log)) as executor,
     ):
         watch_members(session, log)
@@ -62,8 +63,21 @@ def command(settings: NodeSettings, hub: str | None) -> None:
         log.info("Routing on %s%s", where, is_open)
         if session.without_datagrams:
             log.info("No datagrams: %s", session.without_datagrams)
+        if hub is not None:
+            executor.submit("hub", lambda: _watch_hub(session, executor, log))
         signals.wait()
     signals.uninstall()
+
+
+def _watch_hub(session: Session, executor: Executor, log: logging.Logger) -> None:
+    """Say each minute that the hub is not there."""
+    with suppress(BusError):  # it is closed meanwhile
+        if not session.routers():
+            log.warning(
+                "Waiting for a router%s; what is within this site needs none",
+                session.why_no_router(),
+            )
+        executor.after(_SAY_AGAIN_AFTER_S, lambda: _watch_hub(session, executor, log))
 
 
 def _log_links(session: Session, log: logging.Logger) -> None:

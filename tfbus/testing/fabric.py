@@ -93,8 +93,10 @@ class Fabric:
         """As Zenoh's CancellationToken."""
         return Cancellation()
 
-    def open_session(self, settings: Any) -> ZenohSession:
-        """Open a session in the process whose turn it is, as `zenoh.open`."""
+    def open_session(self, settings: Any, *, opens_alone: bool = False) -> ZenohSession:
+        """Open a session in the process whose turn it is, as `zenoh.open`; a client without its
+        router only if it `opens_alone`.
+        """
         _check_settings(settings)
         process: Process = self.tasks.current.place
         session = ZenohSession(
@@ -116,7 +118,7 @@ class Fabric:
         has_met = partial(self._meeting.has_router, session) if is_client else session.faces.__len__
         while not has_met() and self.tasks.now_ns < deadline_ns:
             self.tasks.wait("others on the network", 0.02)
-        if is_client and not has_met():
+        if is_client and not (has_met() or opens_alone):
             self._sessions.pop(session, None)
             raise zenoh.ZError("Unable to connect to any of the routers")
         return session

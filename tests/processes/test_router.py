@@ -12,7 +12,7 @@ pytestmark = pytest.mark.real
 
 
 def test_it_logs_who_joins_and_who_leaves(bus: Bus) -> None:
-    """Nodes by name and routers by id; tools, which only look, not."""
+    """Nodes by name and routers by id and address; tools, which only look, not."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     through = {"TFBUS_MODE": "client", "TFBUS_CONNECT": endpoint}
     router = bus.start("router", "--listen", endpoint, env={"TFBUS_CONNECT": ""})
@@ -27,7 +27,7 @@ def test_it_logs_who_joins_and_who_leaves(bus: Bus) -> None:
     second = bus.start(
         "router", "--listen", "tcp/127.0.0.1:0", "--connect", endpoint, env={"TFBUS_CONNECT": ""}
     )
-    router.wait_for_line(r"Linked to router [0-9a-f]+")
+    router.wait_for_line(r"Linked to router [0-9a-f]+ at 127\.0\.0\.1$")
     second.stop()
     router.wait_for_line(r"Lost router [0-9a-f]+")
     assert not [line for line in router.err if "has joined" in line and "/robot7/mount" not in line]

@@ -16,7 +16,7 @@ from tfbus.base.structs import replace
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, direct
 from tfbus.bus.first_link import open_alone
-from tfbus.bus.links import speaks_tls
+from tfbus.bus.links import host_of, speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import (
     BytesPublisher,
@@ -471,6 +471,12 @@ class Session(NetworkSession):
         """The ids of the processes that it has a link to."""
         with self._errors("list the links"):
             return {str(link.zid) for link in self.zenoh.info.links()}
+
+    def address_of(self, zid: str) -> str:
+        """The address of a process that it has a link to; "" if it has none to that."""
+        with self._errors("list the links"):
+            links = self.zenoh.info.links()
+        return next((host_of(link.dst) for link in links if str(link.zid) == zid), "")
 
     def identities(self) -> dict[str, str]:
         """The identities of the processes that it has a link to, as their certificates prove them,

@@ -81,12 +81,18 @@ def _watch_hub(session: Session, executor: Executor, log: logging.Logger) -> Non
 
 
 def _log_links(session: Session, log: logging.Logger) -> None:
-    """Log arrivals and departures: of the nodes of the bus by name, of linked routers by id."""
+    """Log arrivals and departures: of the nodes of the bus by name, of linked routers by id and
+    address.
+    """
     # A node on a bad link comes and goes; the lines about it count the times.
     once = LogOnce(log, again_s=_SAY_AGAIN_AFTER_S)
 
     def on_router(zid: str, linked: bool) -> None:
-        once.info((linked, zid), "%s router %s", "Linked to" if linked else "Lost", zid)
+        if not linked:
+            once.info((linked, zid), "Lost router %s", zid)
+        else:
+            where = session.address_of(zid) or "an unknown address"
+            once.info((linked, zid), "Linked to router %s at %s", zid, where)
 
     def on_node(name: str, alive: bool) -> None:
         # The names of tools begin so: they come for a moment, to look.

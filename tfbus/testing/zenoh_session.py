@@ -40,6 +40,7 @@ class LinkInfo:
     def __init__(self, far: "ZenohSession") -> None:
         self.zid = far.zid_text
         self.whatami = _MODES[far.mode]
+        self.dst = f"tcp/{far.process.host.name}:0"
         self.auth_identifier = None
 
 

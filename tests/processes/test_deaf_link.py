@@ -1,4 +1,8 @@
-"""A process that opens a link as the time for that ends: Zenoh never reads it."""
+"""A process that opens a link as the time for that ends: Zenoh never reads it.
+
+Once Zenoh does, the process has nothing to say here and the test fails: it goes then, with
+`tfbus/bus/deaf_links.py`.
+"""
 
 import signal
 import socket

@@ -12,7 +12,16 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from signal import SIG_DFL, SIG_IGN, SIGHUP, SIGINT, SIGKILL, default_int_handler, getsignal
+from signal import (
+    SIG_DFL,
+    SIG_IGN,
+    SIGABRT,
+    SIGHUP,
+    SIGINT,
+    SIGKILL,
+    default_int_handler,
+    getsignal,
+)
 from signal import signal as set_handler
 from typing import Any
 
@@ -26,6 +35,9 @@ if getsignal(SIGINT) == SIG_IGN:
 if getsignal(SIGHUP) == SIG_IGN:
     set_handler(SIGHUP, SIG_DFL)
 
+
+# A process that is told to abort has printed its stacks by then.
+_ABORTS_WITHIN_S = 10.0
 
 # The last ones, more than a test has. The system gives the port of a bound socket to nobody who
 # takes any port, to listen or to connect; a program that names it may listen there.
@@ -49,7 +61,7 @@ class Process:
         self.command = command
         self.popen = subprocess.Popen(
             command,
-            env=env,
+            env={"PYTHONFAULTHANDLER": "1", **env},
             cwd=cwd,
             text=True,
             stdin=subprocess.DEVNULL,
@@ -83,7 +95,7 @@ class Process:
         line = found()
         assert line is not None, (
             f"{pattern!r} was not printed by {' '.join(self.command)}, which "
-            f"{'goes on' if code is None else f'ended with {code}'}\n"
+            f"{self._abort() if code is None else f'ended with {code}'}\n"
             f"stdout: {self.out}\nstderr: {self.err}"
         )
         return line
@@ -109,11 +121,27 @@ class Process:
         return self.wait()
 
     def wait(self, *, timeout_s: float = DEADLINE_S) -> int:
-        """The exit code, once it has ended and all that it printed is read."""
-        code = self.popen.wait(timeout_s)
+        """The exit code, once it has ended and all that it printed is read. If it does not end, the
+        error says what it was doing, and it is aborted.
+        """
+        try:
+            code = self.popen.wait(timeout_s)
+        except subprocess.TimeoutExpired as late:
+            late.add_note(f"{' '.join(self.command)} {self._abort()}")
+            raise
         for reader in self._readers:
             reader.join(timeout_s)
         return code
+
+    def _abort(self) -> str:
+        """End it; where its threads of Python were, as the end of a sentence."""
+        printed = len(self.err)
+        self.signal(SIGABRT)
+        with suppress(subprocess.TimeoutExpired):
+            self.popen.wait(_ABORTS_WITHIN_S)
+            for reader in self._readers:
+                reader.join(_ABORTS_WITHIN_S)
+        return "\n".join(["went on:", *self.err[printed:]])
 
     def kill(self) -> None:
         """End it and all its children, whatever they do."""

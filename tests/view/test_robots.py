@@ -1,7 +1,7 @@
 """Robots in the scene of the page, without a browser."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,14 @@ pytest.importorskip("viser", reason="needs viser: the extra view")
 from tfbus.frames.moment import BusMoment
 from tfbus.frames.snapshot import frame_tree
 from tfbus.view import View
+from tfbus.view.data.layer import PlacedItem
+from tfbus.view.data.shapes import Item, MeshFromFile
 from tfbus.view.frames import Frames, Placed, frames_of, place
 from tfbus.view.local import ShownBuffer
 from tfbus.view.page import Page, Serving
 from tfbus.view.panels.robots import JointSliders, shown_position, slider_joints, state_of
 from tfbus.view.robots import GivenRobots, ShownRobot
+from tfbus.view.scene.items import DrawnItems
 from tfbus.view.scene.robots import RobotScenes
 from tfbus.view.server import serve
 from tfbus.view.settings import ViewSettings
@@ -315,6 +318,29 @@ def test_meshes_that_no_marker_has_any_more_make_room(
         assert not isinstance(scenes.mesh_named(jug, lambda: {jug}), str | None)
     finally:
         scenes.close()
+
+
+def test_the_meshes_of_all_items_in_the_scene_are_known(server: Any) -> None:
+    """By their names, also once an item has another mesh, or is removed."""
+    told: list[set[str]] = []
+
+    def mesh_named(name: str, drawn: Callable[[], Collection[str]]) -> None:
+        told.append({*drawn()})
+
+    items = DrawnItems(server, mesh_named)
+
+    def draw(key: str, name: str) -> set[str]:
+        item = Item(key, "map", 0, (MeshFromFile(name, (1.0, 1.0, 1.0), None),))
+        items.draw(("markers", key), PlacedItem(item, Transform.identity()), 1.0, is_shown=True)
+        return told[-1]
+
+    assert draw("a", "cup") == draw("b", "cup") == {"cup"}
+    draw("b", "jug")
+    assert draw("c", "pot") == {"cup", "jug", "pot"}
+    items.remove(("markers", "a"))
+    assert draw("c", "pot") == {"jug", "pot"}
+    items.remove(("markers", "b"))
+    assert draw("c", "pot") == {"pot"}
 
 
 def test_markers_name_files_by_paths_below_the_folders_of_the_user(

@@ -1,6 +1,7 @@
 """Shapes in the browser: drawn, changed in place and removed, and met by a ray."""
 
 import math
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import count
@@ -16,6 +17,7 @@ from tfbus.view.data.layer import PlacedItem
 from tfbus.view.data.shapes import (
     Bodies,
     Frustum,
+    Item,
     Lines,
     MeshFromFile,
     Points,
@@ -66,6 +68,8 @@ class DrawnItems:
         self._server = server
         self._mesh_named = mesh_named
         self._drawn: dict[Place, _DrawnItem] = {}
+        # How many shapes of items have the mesh of a file, by the names of the files.
+        self._meshes: Counter[str] = Counter()
         self._numbers = count(1)
 
     @property
@@ -87,13 +91,19 @@ class DrawnItems:
     def remove(self, at: Place) -> None:
         """Draw it no longer. Twice is fine."""
         if (ended := self._drawn.pop(at, None)) is not None:
+            self._count_meshes(ended.placed.item, -1)
             for handle in (*ended.handles, ended.node):
                 handle.remove()
 
-    def _meshes(self) -> set[str]:
-        """The names of the mesh files of all items."""
-        shapes = (shape for each in self._drawn.values() for shape in each.placed.item.shapes)
-        return {shape.name for shape in shapes if isinstance(shape, MeshFromFile)}
+    def _count_meshes(self, item: Item, change: int) -> None:
+        """Count its meshes once more, or less: to collect the names for each marker anew takes a
+        time that grows with the square of their number.
+        """
+        for shape in item.shapes:
+            if isinstance(shape, MeshFromFile):
+                self._meshes[shape.name] += change
+                if not self._meshes[shape.name]:
+                    del self._meshes[shape.name]
 
     def _drawn_as(self, at: Place, placed: PlacedItem, size: float) -> _DrawnItem:
         drawn = self._drawn.get(at)
@@ -102,6 +112,7 @@ class DrawnItems:
                 f"{FIXED_NODE}/data/{next(self._numbers)}", show_axes=False, **place_of(placed.pose)
             )
             drawn = self._drawn[at] = _DrawnItem(placed, size, node, [])
+            self._count_meshes(placed.item, 1)
             drawn.handles = self._made(placed, node.name, size)
             return drawn
         if drawn.placed.pose != placed.pose:
@@ -113,6 +124,9 @@ class DrawnItems:
             for handle in former_handles[len(drawn.handles) :]:
                 handle.remove()
             drawn.size = size
+        if drawn.placed.item is not placed.item:
+            self._count_meshes(drawn.placed.item, -1)
+            self._count_meshes(placed.item, 1)
         drawn.placed = placed
         return drawn
 
@@ -133,7 +147,7 @@ class DrawnItems:
             at = len(made)
             before = there[at] if at < len(there) else None
             if isinstance(shape, MeshFromFile):
-                mesh = self._mesh_named(shape.name, self._meshes)
+                mesh = self._mesh_named(shape.name, self._meshes.keys)
                 if isinstance(mesh, str):
                     raise NotDrawnError(f"mesh {printable(shape.name)}: {mesh}")
                 made += [] if mesh is None else [_mesh(self._scene, f"{path}/{at}", shape, mesh)]

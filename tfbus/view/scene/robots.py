@@ -450,7 +450,8 @@ class RobotScenes:
             if isinstance(found, str):
                 return found
             if len(self._foreign) >= _MOST_FOREIGN:
-                self._free(self._foreign.keys() - drawn())
+                kept = drawn()
+                self._free([each for each in self._foreign if each not in kept])
             if len(self._foreign) >= _MOST_FOREIGN:
                 return f"more than {_MOST_FOREIGN} meshes of markers are not drawn"
             source = self._foreign[name] = found

@@ -13,7 +13,7 @@ from tfbus.base.log import LogOnce, open_log
 from tfbus.base.signals import StopSignals
 from tfbus.bus.presence import watch_nodes
 from tfbus.bus.session import Session
-from tfbus.bus.settings import NodeSettings
+from tfbus.bus.settings import AUTO, NodeSettings
 from tfbus.command.options import bus_options, interruptible
 from tfbus.node.surroundings import watch_endpoints, watch_members
 
@@ -49,10 +49,12 @@ def command(settings: NodeSettings, hub: str | None) -> None:
         # A client that listens passes on what its own clients send, and asks for.
         settings = replace(settings, mode="client", listen=listen or (endpoint,), connect=(hub,))
         patience_s = math.inf
+    # Which network is that of the way to the hub shows once there is one.
+    opens_alone = hub is not None and settings.network != AUTO
     log = open_log("/router", settings.name, settings.log_level)
     signals = StopSignals()
     with (
-        Session(settings, log, patience_s=patience_s, opens_alone=hub is not None) as session,
+        Session(settings, log, patience_s=patience_s, opens_alone=opens_alone) as session,
         closing(Executor("router", log)) as executor,
     ):
         watch_members(session, log)

@@ -169,6 +169,8 @@ def test_a_session_of_datagrams_ends_here_before_there() -> None:
 def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> None:
     """Of a link that is held back TCP takes more bytes only while little waits to be sent."""
     listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
+    # Linux lets the far end take more and more, as it reads, unless it is told how much.
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
     one = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
     other, _ = listening.accept()
     closed_at_the_end.enter_context(other)

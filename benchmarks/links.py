@@ -22,10 +22,20 @@ from tests.hosts.lossy_link import Conditions
 from tests.hosts.network import Hosts
 
 SECONDS = 15.0
-# 640 by 480 pixels in colour.
-IMAGE, IMAGES_HZ = 921_600, 15.0
+
+
+@dataclass(frozen=True)
+class Film:
+    """The images of a camera: bytes of each, and how many a second."""
+
+    size: int
+    hz: float
+
+
+# 640 by 480 pixels in colour, and such an image as JPEG or smaller.
+RAW, COMPRESSED = Film(921_600, 15.0), Film(100_000, 5.0)
 # More than this host carries.
-_FULL_HZ = 2_000.0
+FULL = Film(921_600, 2_000.0)
 _MOST_HZ = 50.0
 _KEPT = Path(__file__).parent / "measured" / "links.json"
 _PAGE = Path(__file__).parent.parent / "docs" / "guide" / "scaling.md"
@@ -72,7 +82,7 @@ class Row:
     bytes_a_second: float
 
 
-def measure(link: Link, network: str, *, film: bool = False) -> Row:
+def measure(link: Link, network: str, *, film: Film | None = None) -> Row:
     """One row; with `film` the robot has a camera, and the listener its images."""
     hosts = Hosts("robot", "desk", offline=("robot", "desk"))
     with place() as at, ExitStack() as stack:
@@ -96,10 +106,10 @@ def measure(link: Link, network: str, *, film: bool = False) -> Row:
         robot = start("robot", "links:publish", client, hz=link.hz)
         robot.hear()
         camera = None
-        if film:
-            camera = start("robot", "links:film", client, size=IMAGE, hz=IMAGES_HZ)
+        if film is not None:
+            camera = start("robot", "links:film", client, **asdict(film))
             camera.hear()
-        listener = start("desk", "links:listen", client, seconds=SECONDS, camera=film)
+        listener = start("desk", "links:listen", client, seconds=SECONDS, camera=bool(film))
         before = bad.counts()[0].bytes
         heard = Heard(**listener.hear())
         carried = bad.counts()[0].bytes - before
@@ -113,7 +123,7 @@ def measure(link: Link, network: str, *, film: bool = False) -> Row:
         return Row(heard, longest_s, carried / took_s)
 
 
-def measure_here(*, film: bool) -> Heard:
+def measure_here(*, film: Film | None) -> Heard:
     """A robot and a listener that are peers on this host; with `film` a camera fills its own link
     to the listener.
     """
@@ -122,11 +132,11 @@ def measure_here(*, film: bool) -> Heard:
         def start(function: str, env: dict[str, str], **arguments: Any) -> Process:
             return stack.enter_context(Process(at, function, env, **arguments))
 
-        listener = start("links:listen", at.listening(), seconds=SECONDS, camera=film)
+        listener = start("links:listen", at.listening(), seconds=SECONDS, camera=bool(film))
         robot = start("links:publish", at.connecting(), hz=_MOST_HZ)
         robot.hear()
-        if film:
-            start("links:film", at.connecting(), size=IMAGE, hz=_FULL_HZ).hear()
+        if film is not None:
+            start("links:film", at.connecting(), **asdict(film)).hear()
         heard = Heard(**listener.hear())
         listener.tell()
         return heard
@@ -147,10 +157,10 @@ def beside_camera() -> Table:
     rows = []
     for text, conditions, network in BESIDE:
         alone, beside = (
-            measure_here(film=film)
+            measure_here(film=FULL if film else None)
             if conditions is None
             else measure(Link(text, conditions, _MOST_HZ), network, film=film).heard
-            for film in (False, True)
+            for film in (None, RAW)
         )
         ages = [f"{1e3 * each:.0f} ms" for each in (alone.age_p99_s, beside.age_p99_s)]
         ratio = f"{beside.age_p99_s / alone.age_p99_s:.2f} x"
@@ -202,14 +212,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="benchmarks.links", description=__doc__)
     parser.add_argument("names", nargs="*", help="links, such as lte or lte/mobile; all")
     parser.add_argument("--print", action="store_true", help="write nothing")
+    parser.add_argument(
+        "--camera",
+        action="store_true",
+        help="beside a camera that sends 100 kB five times a second; write nothing",
+    )
     given = parser.parse_args()
+    film = COMPRESSED if given.camera else None
     kept = json.loads(_KEPT.read_text()) if _KEPT.exists() else {}
     print(machine.describe())
     for link, network in _chosen(given.names):
-        row = asdict(measure(LINKS[link], network))
+        row = asdict(measure(LINKS[link], network, film=film))
         print(link, network, row, f"load {os.getloadavg()[0]:.0f}", flush=True)
         kept[f"{link}/{network}"] = row
-        if not given.print:
+        if not given.print and film is None:
             _write(kept)
 
 

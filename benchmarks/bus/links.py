@@ -22,7 +22,7 @@ class Heard:
     """A listener: seconds until it had all static transforms (None: not in time) and the first of
     each dynamic one, the ages of the newest transform of each frame (p50 and p99, in s), the share
     of lookups at PAST_S ago that were answered, messages a second, how often it took a frame for
-    gone, and images a second.
+    gone, images a second, and the ages of the newest image (None: none came).
     """
 
     statics_s: float | None
@@ -33,6 +33,8 @@ class Heard:
     messages_hz: float
     gone: int
     images_hz: float = 0.0
+    image_age_p50_s: float | None = None
+    image_age_p99_s: float | None = None
 
 
 def publish(hz: float) -> None:
@@ -105,11 +107,11 @@ def listen(seconds: float, camera: bool = False) -> None:
         began_s = time.monotonic()
         buffer = tfbus.Buffer()
         listener = tfbus.TransformListener(buffer, node)
-        images = [0]
+        images: list[int] = []
         if camera:
 
             def on_image(image: Image) -> None:
-                images[0] += 1
+                images.append(image.stamp_ns)
 
             node.create_subscription(Image, CAMERA, on_image)
         statics_s = joined_s = None
@@ -122,9 +124,9 @@ def listen(seconds: float, camera: bool = False) -> None:
                 break
             time.sleep(0.01)
         time.sleep(SETTLE_S)
-        ages, answered, asked, gone, were_gone = [], 0, 0, 0, False
+        ages, image_ages, answered, asked, gone, were_gone = [], [], 0, 0, 0, False
         messages, since_s = _messages(listener), time.monotonic()
-        images[0] = 0
+        before = len(images)
         moving = tuple({*moving} & {*buffer.frames()})
         at = 0
         while (now_s := time.monotonic()) < since_s + seconds:
@@ -135,18 +137,26 @@ def listen(seconds: float, camera: bool = False) -> None:
                 ages.append((now_ns - newest_ns) / 1e9)
                 asked += 1
                 answered += buffer.can_transform("map", frame, now_ns - round(PAST_S * 1e9))
+            if images:
+                image_ages.append((now_ns - images[-1]) / 1e9)
             is_gone = buffer.frame(moving[0]).gone if moving else True
             gone += is_gone and not were_gone
             were_gone, at = is_gone, at + 1
             time.sleep(max(0.0, now_s + 1.0 / _LOOKS_A_SECOND - time.monotonic()))
         passed_s = time.monotonic() - since_s
         hz = (_messages(listener) - messages) / passed_s
-        ages.sort()
-        p50, p99 = (ages[int(part * len(ages))] if ages else -1.0 for part in (0.5, 0.99))
+        p50, p99 = _parts(ages) or (-1.0, -1.0)
         share = answered / max(asked, 1)
-        images_hz = images[0] / passed_s
-        say(asdict(Heard(statics_s, joined_s, p50, p99, share, hz, gone, images_hz)))
+        images_hz = (len(images) - before) / passed_s
+        of_images = (images_hz, *(_parts(image_ages) or (None, None)))
+        say(asdict(Heard(statics_s, joined_s, p50, p99, share, hz, gone, *of_images)))
         wait_for_line()
+
+
+def _parts(ages: list[float]) -> tuple[float, float] | None:
+    """The median of ages and their 99th percentile; None without any."""
+    ages = sorted(ages)
+    return (ages[len(ages) // 2], ages[int(0.99 * len(ages))]) if ages else None
 
 
 def _messages(listener: object) -> int:

@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
 import zenoh
 
 from tfbus.bus.links import LinkEnds, Links
@@ -25,6 +26,22 @@ def tell(links: Links, *steps: tuple[str, str, LinkEnds | None]) -> None:
         one: Any = SimpleNamespace(zid=zid, src=link and link.src, dst=link and link.dst)
         event: Any = SimpleNamespace(kind=kind, transport=one, link=one)
         (links.note_transport if link is None else links.note_link)(event)
+
+
+@pytest.mark.parametrize(
+    ("src", "dst", "expected"),
+    [
+        ("tcp/127.0.0.1:4000", "tcp/127.0.0.1:7447", True),
+        ("tcp/[::1]:4000", "tcp/[::1]:7447", True),
+        # Peers of one host that have met by multicast.
+        ("tcp/10.0.0.1:4000", "tcp/10.0.0.1:41234", True),
+        ("tcp/[::ffff:10.0.0.1]:4000", "tcp/10.0.0.1:41234", True),
+        ("tcp/10.0.0.1:4000", "tcp/10.0.0.2:7447", False),
+    ],
+)
+def test_a_link_is_within_a_host_by_its_addresses(src: str, dst: str, expected: bool) -> None:
+    """On loopback, or from an address to the same one: what a network needs it does not."""
+    assert LinkEnds(src, dst).is_within_host is expected
 
 
 def test_a_process_is_linked_until_its_connection_ends() -> None:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import zenoh
 
 from tfbus.base import scheduler
-from tfbus.base.addresses import NO_HOST_NAME
+from tfbus.base.addresses import NO_HOST_NAME, is_local
 from tfbus.base.structs import Struct, field
 
 _CONNECT_WITHIN_S = 2.0
@@ -103,6 +103,13 @@ class LinkEnds(NamedTuple):
     def is_of_datagrams(self) -> bool:
         """Whether it is a link of UDP beside one of TCP, as on networks that lose packets."""
         return self.src.startswith("udp/") and _BESIDE in self.src
+
+    @property
+    def is_within_host(self) -> bool:
+        """Whether both ends are on this host: on loopback, or at the same address of it, as of
+        peers that have met by multicast.
+        """
+        return is_local(host_of(self.dst)) or host_of(self.src) == host_of(self.dst)
 
 
 class _Event(NamedTuple):

@@ -215,7 +215,7 @@ class Neighbours:
             shorten_close(_ends(changes.new))
             self._deaf.watch(_ends(changes.new))
             # Within a host TCP holds nothing up, and smaller pieces cost both ends CPU.
-            beyond = {link for link in changes.new if not is_local(host_of(link.dst))}
+            beyond = {link for link in changes.new if not link.is_within_host}
             hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(changes.new), self._network.tcp_bytes)

@@ -2,9 +2,12 @@
 away, loses its connection, or has another address.
 """
 
+import json
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from signal import SIGUSR1
 
+import numpy as np
 import pytest
 
 from tests import needs
@@ -131,3 +134,23 @@ def test_a_robot_out_of_reach_is_gone_until_it_is_back(robot: Robot) -> None:
     robot.arm.signal(SIGUSR1)
     robot.link.set(robot.conditions)
     robot.wait_until_known(1.0)
+
+
+@pytest.mark.parametrize("robot", [("mobile", Conditions(0.06, 0.03, 0.01))], indirect=True)
+def test_small_messages_arrive_beside_images_that_the_link_cannot_carry(
+    robot: Robot, tmp_path: Path
+) -> None:
+    """Of ten topics with 50 messages of 100 B a second, four of five arrive at least, also
+    beside a camera that sends five times as much as there is room for.
+    """
+    robot.wait_until_known(0.0)
+    start, env = robot.network.start, {"TFBUS_NETWORK": "mobile"}
+    local = env | {"TFBUS_MODE": "client", "TFBUS_CONNECT": HERE}
+    np.save(tmp_path / "image.npy", np.zeros((250, 400), np.uint8))
+    image = ["--file", str(tmp_path / "image.npy"), "--quiet", "--rate", "5"]
+    start("robot", "-m", "tfbus", "topic", "pub", "camera", "Image", *image, env=local)
+    start("desk", "-m", "tfbus", "topic", "hz", "camera", client=True, env=env)
+    counter = start("desk", "numbered_topics.py", "count", client=True, env=env)
+    start("robot", "numbered_topics.py", "send", env=local)
+    told = json.loads(counter.wait_for_line("lost"))
+    assert told["lost"] < 0.2, told

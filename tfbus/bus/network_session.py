@@ -31,6 +31,10 @@ from tfbus.wire.limits import Limits, kind_of
 _TRY_AGAIN_S = 0.001
 _MOST_TRIES = 5000
 
+# On a bad network most of a message of this size finds no place in the queue of a link: while it
+# waits there, others of its priority cannot be sent.
+LARGE_BYTES = 16_384
+
 # As Zenoh says it.
 UNDECLARED = "Undeclared publisher"
 
@@ -139,14 +143,26 @@ class HeardWatch(_MatchWatch):
 
 
 class BytesPublisher(Declaration):
-    """Sends payloads on one key."""
+    """Sends payloads on one key. With `put_below`, by which they come after those of other keys, it
+    sends all from the first one of LARGE_BYTES on: so none overtakes another of its key.
+    """
 
-    def __init__(self, key: str, publisher: Any, limits: Limits, node: str = ""):
+    def __init__(
+        self,
+        key: str,
+        publisher: Any,
+        limits: Limits,
+        node: str = "",
+        *,
+        put_below: Callable[[bytes], None] | None = None,
+    ):
         super().__init__(publisher)
         self._node = node
         self._key = key
         self._limits = limits
         self._most = limits.limit_of(kind_of(key))
+        self._put_below = put_below
+        self._is_large = False
 
     @property
     def heard(self) -> bool:
@@ -161,8 +177,12 @@ class BytesPublisher(Declaration):
         if len(payload) > self._most:
             mistake = self._limits.mistake_in(kind_of(self._key), len(payload))
             raise BusError(f"could not publish {self._key}: {mistake}")
+        put = self._declared.put
+        if self._put_below is not None and not isinstance(self._declared, _Ended):
+            self._is_large = self._is_large or len(payload) >= LARGE_BYTES
+            put = self._put_below if self._is_large else put
         try:
-            self._declared.put(payload)
+            put(payload)
         except zenoh.ZError as error:
             raise as_bus_error(f"publish {self._key}", error, self._node) from error
 

@@ -249,17 +249,23 @@ class Session(NetworkSession):
         A congested link drops messages. A newer one makes an old one worthless, and a subscriber
         that has stopped must not hold up the publisher's node, and with it all others. Zenoh's
         batching stays on: messages wait for others only while the link is busy. On a bad network
-        urgent ones are not sent again if they are lost.
+        urgent ones are not sent again if they are lost, and large ones of topics come last.
         """
         at, key = self.placed(key)
+        drop = zenoh.CongestionControl.DROP
         with self._errors(f"publish {key}"):
             publisher = at.zenoh.declare_publisher(
-                key,
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=_priority(urgent),
-                **self._lossy(urgent),
+                key, congestion_control=drop, priority=_priority(urgent), **self._lossy(urgent)
             )
-        return BytesPublisher(key, publisher, self.settings.limits, self.settings.name)
+
+        def put_below(payload: bytes) -> None:
+            low = zenoh.Priority.DATA_LOW
+            at.zenoh.put(key, payload, congestion_control=drop, priority=low)
+
+        limits, name = self.settings.limits, self.settings.name
+        has_last = self.network.is_bad and not urgent
+        below = put_below if has_last else None
+        return BytesPublisher(key, publisher, limits, name, put_below=below)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""

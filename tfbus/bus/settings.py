@@ -30,8 +30,9 @@ class Network(Struct):
     counts as gone `gone_after_s` later unless it is back. With `has_datagrams`, peers and routers
     have a link of UDP beside each of TCP for dynamic transforms, which are not sent again if they
     are lost. Messages of dynamic transforms, and the packets of links, have at most so many bytes
-    (0: without bound); `urgent_batches` of these wait on a link. A try to open a link ends after
-    `open_s`; the next one follows after `retry_s`, twice as much later, and at most `longest_s`.
+    (0: without bound); `urgent_batches` packets of transforms wait on a link. A try to open a link
+    ends after `open_s`; the next one follows after `retry_s`, twice as much later, and at most
+    `longest_s`.
     Between hosts TCP takes further bytes only while fewer than `unsent_bytes` wait in it:
     transforms come after these, and before all that waits in Zenoh. With `tcp_bytes` it has at
     most so many that have not arrived yet, repeats lost packets at a steady pace, and measures
@@ -86,7 +87,8 @@ NETWORKS = {
             gone_after_s=4.0,
             message_bytes=_MESSAGE,
             packet_bytes=_PACKET,
-            urgent_batches=1,
+            # A send of fifty frames: it finds a place while images fill what TCP holds.
+            urgent_batches=4,
             open_s=2.0,
             retry_s=0.25,
             tcp_bytes=16384,

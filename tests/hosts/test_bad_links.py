@@ -140,7 +140,7 @@ def test_a_robot_out_of_reach_is_gone_until_it_is_back(robot: Robot) -> None:
 def test_small_messages_arrive_beside_images_that_the_link_cannot_carry(
     robot: Robot, tmp_path: Path
 ) -> None:
-    """Of ten topics with 50 messages of 100 B a second, four of five arrive at least, also
+    """Of ten topics with 50 messages of 100 B a second, two of three arrive at least, also
     beside a camera that sends five times as much as there is room for.
     """
     robot.wait_until_known(0.0)
@@ -153,4 +153,4 @@ def test_small_messages_arrive_beside_images_that_the_link_cannot_carry(
     counter = start("desk", "numbered_topics.py", "count", client=True, env=env)
     start("robot", "numbered_topics.py", "send", env=local)
     told = json.loads(counter.wait_for_line("lost"))
-    assert told["lost"] < 0.2, told
+    assert told["lost"] < 0.35, told

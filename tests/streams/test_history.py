@@ -3,6 +3,7 @@
 import heapq
 import itertools
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from types import SimpleNamespace
 from typing import Any, cast
@@ -107,11 +108,12 @@ class Past:
     def receive_kept(self, payload: bytes) -> None:
         self.kept.append(payload)
 
-    def submit(self, what: str, job: Callable[[], None]) -> None:
-        self.after(0.0, job)
+    def submit(self, what: str, job: Callable[..., None], *given: Any) -> None:
+        self.after(0.0, job, *given)
 
-    def after(self, delay_s: float, job: Callable[[], None]) -> Any:
-        heapq.heappush(self._due, (self._now_s + delay_s, next(self._order), job))
+    def after(self, delay_s: float, job: Callable[..., None], *given: Any) -> Any:
+        due_s = self._now_s + delay_s
+        heapq.heappush(self._due, (due_s, next(self._order), partial(job, *given)))
         return SimpleNamespace(cancel=lambda: None)
 
     def run(self, end_s: float) -> None:

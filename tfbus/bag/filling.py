@@ -218,11 +218,11 @@ class Filling:
 
     def _note_lost(self, name: str, is_here: bool) -> None:
         now_ns = self._recorder.now_ns()
-        self._executor.submit("filling", lambda: self._lost.append((now_ns, name, is_here)))
+        self._executor.submit("filling", self._lost.append, (now_ns, name, is_here))
 
     def _note_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
         self._executor.submit(
-            "filling", lambda: self._take_outage(stream, from_ns, until_ns), limit=_MOST_OUTAGES
+            "filling", self._take_outage, stream, from_ns, until_ns, limit=_MOST_OUTAGES
         )
 
     def _take_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
@@ -237,7 +237,7 @@ class Filling:
                 self._note_received()
 
     def _on_token(self, key: str, alive: bool) -> None:
-        self._executor.submit("filling", lambda: self._take_token(key, alive))
+        self._executor.submit("filling", self._take_token, key, alive)
 
     def _take_token(self, key: str, alive: bool) -> None:
         prefix = key.partition("@tfbus/")[0]

@@ -373,8 +373,8 @@ class Timer:
     def __init__(
         self,
         period_s: float,
-        callback: Callable[[], Any],
-        *,
+        callback: Callable[..., Any],
+        *given: Any,
         once: bool = False,
         group: CallbackGroup | None = None,
     ):
@@ -386,6 +386,7 @@ class Timer:
         self.period_s = period_s
         self.period_ns = max(1, round(period_s * 1e9))
         self.callback = callback
+        self.given = given
         self.once = once
         self.group = group
         self.cancelled = False
@@ -399,7 +400,7 @@ class Timer:
         """
         if self.is_awaited:
             return None
-        answer = self.callback()
+        answer = self.callback(*self.given)
         if answer is not None and isinstance(answer, Coroutine):
             self.is_awaited = True
             return self._until_ended(answer)
@@ -416,7 +417,7 @@ class Timer:
         self.cancelled = True
 
 
-def timer_name(period_s: float, callback: Callable[[], Any]) -> str:
+def timer_name(period_s: float, callback: Callable[..., Any]) -> str:
     """The name of a timer in the log: `timer of 50 ms (broadcast)`; with `OWN` in front of one of
     tfbus's own.
     """

@@ -159,7 +159,7 @@ class Callbacks:
 
         return direct(self.guarded(f"message of {key}", on_sample))
 
-    def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def guarded(self, what: str, callback: Callable[[Any], object]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""
         report = self._reporter(what)
 

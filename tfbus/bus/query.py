@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import zenoh
@@ -21,6 +22,10 @@ _NO_ANSWER_IN_TIME = b"Timeout"
 
 # A refusal is one sentence: this much of it is read.
 _MOST_OF_A_REFUSAL = 1000
+
+
+# Called at the end of a question, on any thread.
+OnEnd = Callable[[], object]
 
 
 class Answer(NamedTuple):
@@ -164,7 +169,7 @@ class AskUntil:
         self.is_over = False
 
     @abstractmethod
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         """Ask the question of a turn, the first being 0; `on_end` may be called on any thread."""
 
     @abstractmethod
@@ -202,12 +207,9 @@ class AskUntil:
                 self._pause(turn)
 
         with suppress(BusError):  # the session is closed
-            self.ask(turn, lambda: self._submit(end))
+            self.ask(turn, partial(self._executor.submit, self._what, end))
             if self._pauses.lost_after_s is not None:
                 self._executor.after(self._pauses.lost_after_s, end)
-
-    def _submit(self, job: Callable[[], None]) -> None:
-        self._executor.submit(self._what, job)
 
     def _pause(self, turn: int) -> None:
         self.on_unanswered(turn)
@@ -215,7 +217,7 @@ class AskUntil:
         if pause_s is None:
             self.close()
         else:
-            self._executor.after(pause_s, lambda: self._take_turn(turn + 1))
+            self._executor.after(pause_s, self._take_turn, turn + 1)
 
     def _has_ended(self) -> bool:
         if not self.is_over and self.is_settled():

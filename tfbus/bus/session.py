@@ -27,7 +27,7 @@ from tfbus.bus.network_session import (
     PublishersWithin,
     ServedWatch,
 )
-from tfbus.bus.query import Answer, Query, answer_of
+from tfbus.bus.query import Answer, OnEnd, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
@@ -378,7 +378,7 @@ class Session(NetworkSession):
         key: str,
         payload: bytes | None,
         on_answer: Callable[[Answer], None],
-        on_end: Callable[[], None],
+        on_end: OnEnd,
         *,
         timeout_s: float,
         answers_at: str = "",

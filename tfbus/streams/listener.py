@@ -343,7 +343,7 @@ class TransformListener:
             repr(name) if state is None else _name(state),
         )
         if state is not None:
-            self._executor.submit("streams", lambda: self._forget_stream(state))
+            self._executor.submit("streams", self._forget_stream, state)
 
     def _forget_stream(self, state: StreamState) -> None:
         self._leave_stream(state)
@@ -413,7 +413,7 @@ class TransformListener:
     # Tokens and descriptions
 
     def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
-        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
+        self._executor.submit("streams", self._watch.want, namespaces, frames)
 
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
@@ -561,15 +561,15 @@ class _ListenerHooks(ReceptionHooks):
         return self._listener._conflicts.claimed_by_others(stream, children)
 
     def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
-        conflicts = self._listener._conflicts
-        self._listener._executor.submit("conflicts", lambda: conflicts.restore(stream, frames))
+        listener = self._listener
+        listener._executor.submit("conflicts", listener._conflicts.restore, stream, frames)
 
     def on_unlisted(self, stream: str, frames: frozenset[str]) -> None:
         self._listener._unlisted.hear(stream, frames)
 
     def on_takeover(self, stream: str, epoch_ns: int) -> None:
-        ask = self._listener._ask_for_description
-        self._listener._executor.submit("streams", lambda: ask(stream, epoch_ns))
+        listener = self._listener
+        listener._executor.submit("streams", listener._ask_for_description, stream, epoch_ns)
 
     def on_dispute(self, stream: str, epoch_ns: int) -> None:
         self._listener._watch.ask_for_epoch(stream, epoch_ns)
@@ -578,15 +578,13 @@ class _ListenerHooks(ReceptionHooks):
         listener = self._listener
         if stream not in listener._unnamed:
             listener._unnamed.add(stream)
-            ask = listener._ask_for_names
-            listener._executor.after(_NAMED_WITHIN_S, lambda: ask(stream, epoch_ns))
+            listener._executor.after(_NAMED_WITHIN_S, listener._ask_for_names, stream, epoch_ns)
 
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)
 
     def on_gap(self, stream: str, silent_s: float) -> None:
-        miss = self._listener._miss
-        self._listener._executor.submit("history", lambda: miss(stream, silent_s))
+        self._listener._executor.submit("history", self._listener._miss, stream, silent_s)
 
     def on_message_while_gone(self, stream: str) -> None:
         self._listener._still_sending.hear_message(stream)

@@ -22,7 +22,7 @@ from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.executor import Executor
 from tfbus.base.structs import Struct
 from tfbus.buffer.buffer import Buffer
-from tfbus.bus.query import Answer, AskUntil, Pauses
+from tfbus.bus.query import Answer, AskUntil, OnEnd, Pauses
 from tfbus.bus.retained import retained_selector
 from tfbus.bus.session import Session
 from tfbus.streams.reception import StreamReception
@@ -61,9 +61,7 @@ class StreamQuestion(Struct):
     beside: bool = False
     payload: bytes | None = None
 
-    def ask(
-        self, session: Session, on_answer: Callable[[Answer], None], on_end: Callable[[], None]
-    ) -> None:
+    def ask(self, session: Session, on_answer: Callable[[Answer], None], on_end: OnEnd) -> None:
         """Ask, and return at once, as `Session.ask_later`."""
 
         def on_description(answer: Answer) -> None:
@@ -143,7 +141,7 @@ class StaticRecovery:
     def check(self, key: str, stream: StreamReception) -> None:
         """Ask while the stream of this token lacks static transforms, until it is gone."""
         if stream.statics.are_lacking():
-            self._executor.submit(_STATICS, lambda: self._begin(key, stream))
+            self._executor.submit(_STATICS, self._begin, key, stream)
 
     def is_asking(self, stream: str) -> bool:
         """Whether the static transforms of this stream are asked for."""
@@ -177,7 +175,7 @@ class _AskStatics(AskUntil):
         self._key = key
         self._stream = stream
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         question = statics_question(self._key, turn)
         question.ask(self._recovery._session, self._receive, on_end)
 
@@ -251,7 +249,7 @@ class PagesInTurn:
                 following = self._waiting.popleft() if self._waiting else None
                 self._open -= following is None
             if following is not None:
-                self._executor.submit("history", lambda: self._begin(following))
+                self._executor.submit("history", self._begin, following)
 
         lost = self._executor.after(self._lost_after_s, end)
         ask(end)
@@ -342,10 +340,10 @@ class _AskPage(AskUntil):
         self._pages = pages
         self._is_answered = False
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         self._pages._turns.take(partial(self._ask_now, on_end))
 
-    def _ask_now(self, on_end: Callable[[], None], end_turn: Callable[[], None]) -> None:
+    def _ask_now(self, on_end: OnEnd, end_turn: Callable[[], None]) -> None:
         pages, asked_s = self._pages, scheduler.monotonic()
 
         def receive(answer: Answer) -> None:
@@ -463,7 +461,7 @@ class AskedHistory:
         with self._lock:
             is_first = self._expected.setdefault(stream, made) is made
         if is_first:
-            self._executor.after(_EXPECTED_WITHIN_S, lambda: self._stop_expecting(stream, made))
+            self._executor.after(_EXPECTED_WITHIN_S, self._stop_expecting, stream, made)
         else:
             made.end()
 

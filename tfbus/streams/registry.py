@@ -268,7 +268,7 @@ class UnlistedFrames:
             self._drop_later(stream)
 
     def _drop_later(self, stream: str) -> None:
-        own_pauses().after(self._executor, SILENT_S, lambda: self._drop_silent(stream))
+        own_pauses().after(self._executor, SILENT_S, self._drop_silent, stream)
 
     def _drop_silent(self, stream: str) -> None:
         since_s = scheduler.monotonic() - SILENT_S
@@ -312,7 +312,7 @@ class StillSending:
         stream = self._registry.get(name)
         lost_s = None if stream is None else stream.lost_s
         if lost_s is not None and scheduler.monotonic() - lost_s > _SENDS_FOR_S:
-            self._executor.submit("a stream that sends", lambda: self._bring_back(name), limit=1)
+            self._executor.submit("a stream that sends", self._bring_back, name, limit=1)
 
     def _bring_back(self, name: str) -> None:
         stream = self._registry.get(name)

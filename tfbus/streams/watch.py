@@ -188,18 +188,15 @@ class StreamWatch:
         self._descriptions.close()
         self._executor.close()
 
-    def _do(self, job: Callable[[], None]) -> None:
-        self._executor.submit(_WHAT, job)
-
     def _on_token(self, key: str, alive: bool) -> None:
         if self._states.is_name(key):
             came_s = scheduler.monotonic()
-            self._do(lambda: self._note_token(key, alive, came_s))
+            self._executor.submit(_WHAT, self._note_token, key, alive, came_s)
 
     def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
         received = Received(key, payload, sender, scheduler.monotonic())
         if self._states.is_name(key) and self._received.enqueue(received):
-            self._do(self._read_next)
+            self._executor.submit(_WHAT, self._read_next)
 
     def _read_next(self) -> None:
         """Read one description: a token that comes meanwhile waits only for this one."""
@@ -216,7 +213,7 @@ class StreamWatch:
                 self._owners.take(received.key, description, received.sender)
         finally:
             if self._received.has_more():
-                self._do(self._read_next)
+                self._executor.submit(_WHAT, self._read_next)
 
     def _is_wanted(self, key: str) -> bool:
         return self._wanted is None or key in self._wanted
@@ -284,7 +281,7 @@ class StreamWatch:
                     self._change_token(key, True, scheduler.monotonic())
 
         def on_end(living: list[str]) -> None:
-            self._do(lambda: take(key in living))
+            self._executor.submit(_WHAT, take, key in living)
 
         with suppress(BusError):  # the session is closed
             self._session.living_later(key, on_end)

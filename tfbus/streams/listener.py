@@ -21,9 +21,10 @@ from tfbus.node.node import Node
 from tfbus.streams.clock_offset import ClockOffsets
 from tfbus.streams.conflicts import Claimant, Conflicts, Rule
 from tfbus.streams.frame_names import StreamNames, StreamRights
+from tfbus.streams.history import AskedHistory
 from tfbus.streams.info import StreamInfo, StreamState, described_stream
 from tfbus.streams.interest import Everything, Interest, Reading
-from tfbus.streams.queries import AskedHistory, StaticRecovery
+from tfbus.streams.queries import StaticRecovery
 from tfbus.streams.reception import (
     DynamicReception,
     StaticReception,

@@ -12,8 +12,8 @@ from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
 from tfbus.messages import Clock
 from tfbus.node.node import Node
-from tfbus.ros.bridge.bridges import RosBridge
-from tfbus.ros.bridge.common import ClockWay
+from tfbus.ros.bridge.bridges import Bridges, RosBridge
+from tfbus.ros.bridge.common import ClockWay, RosPublishers
 from tfbus.ros.bridge.legs import Endable, Leg, RosSender, RosTopic
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
@@ -39,9 +39,9 @@ class RosClock:
     neither crosses, also if the second comes later, which is logged. Messages come on threads of
     the leg's and of Zenoh's.
 
-    `others()` are the bridges between the same bus and the same ROS, or maybe the same. While there
-    are any, a clock may be theirs: then nothing is logged, and a way that has begun stays, unless
-    one that `is_senior` has the same. `on_way()` is called when the way has changed.
+    While there are other bridges between the same bus and the same ROS, a clock may be theirs: then
+    nothing is logged, and a way that has begun stays, unless one that was there first has the same.
+    `on_way()` is called when the way has changed.
     """
 
     def __init__(
@@ -54,8 +54,8 @@ class RosClock:
         from_ros: bool,
         executor: Executor,
         once: LogOnce,
-        others: Callable[[], Sequence[RosBridge]],
-        is_senior: Callable[[RosBridge], bool],
+        bridges: Bridges,
+        publishers: RosPublishers,
         on_way: Callable[[], object],
     ) -> None:
         self.way: Literal["", "to ROS", "from ROS"] = ""
@@ -66,8 +66,8 @@ class RosClock:
             "from ROS": from_ros and way in ("auto", "from-ros"),
         }
         self._is_auto = way == "auto"
-        self._others = others
-        self._is_senior = is_senior
+        self._bridges = bridges
+        self._publishers = publishers
         self._on_way = on_way
         self._once = once
         self._lock = threading.Lock()
@@ -104,7 +104,7 @@ class RosClock:
         self._bridge_gids = frozenset(
             each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)
         )
-        others = self._others()
+        others = self._bridges.living(self._publishers.nodes)
         with self._lock:
             former = self.way
             self._decide(others)
@@ -142,13 +142,15 @@ class RosClock:
         return self._is_auto and len(firsts_s) == 2 and now_s >= max(firsts_s) + _DECIDE_S
 
     def _senior_with(self, way: str, others: Sequence[RosBridge]) -> RosBridge | None:
-        return next((each for each in others if each.clock == way and self._is_senior(each)), None)
+        return next(
+            (each for each in others if each.clock == way and self._bridges.is_senior(each)), None
+        )
 
     def _choose(self, there: set[str], now_s: float, others: Sequence[RosBridge]) -> None:
         if self._is_auto and len(there) == 2:
             return
         # One that was there first goes first.
-        after_s = _DECIDE_S * (1 + any(map(self._is_senior, others)))
+        after_s = _DECIDE_S * (1 + any(map(self._bridges.is_senior, others)))
         for way in there:
             is_due = now_s >= self.first_s[way] + after_s
             if self._may[way] and is_due and not self._is_theirs(way, others):

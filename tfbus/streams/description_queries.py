@@ -130,8 +130,8 @@ _WHAT = "a stream"
 class DescriptionQueries:
     """Asks for the description of each stream it is given, until one comes, readable or not.
 
-    `all_keys` are the keys of all streams that are watched, and `is_most(count)` is whether most of
-    them are that many streams. All of it runs on the executor's thread.
+    `all_keys` are the keys of all streams that are watched; `living` are the tokens that are there,
+    None if all of them are wanted. All of it runs on the executor's thread.
     """
 
     def __init__(
@@ -142,14 +142,14 @@ class DescriptionQueries:
         owners: Owners,
         *,
         all_keys: str,
-        is_most: Callable[[int], bool],
+        living: Set[str] | None,
     ) -> None:
         self._session = session
         self._executor = executor
         self._states = states
         self._owners = owners
         self._all_keys = all_keys
-        self._is_most = is_most
+        self._living = living
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -195,7 +195,7 @@ class DescriptionQueries:
             return
         waiting = {key: states.of(key).description for key in self._gathered}
         self._gathered.clear()
-        if not self._is_most(len(waiting)):
+        if self._living is not None and 2 * len(waiting) < len(self._living):
             # Most of the answers would be about others.
             for key in waiting:
                 self.ask(key)

@@ -87,11 +87,16 @@ class StreamWatch:
         rights = StreamRights.of_settings(session.settings)
         self._states = StreamStates(LogOnce(log), rights, self._report, self._forget_wanted)
         self._owners = Owners(session, self._executor, self._states)
-        self._queries = DescriptionQueries(
-            session, self._executor, self._states, self._owners, all_keys=key, is_most=self._is_most
-        )
         # The tokens that are there.
         self._living: set[str] = set()
+        self._queries = DescriptionQueries(
+            session,
+            self._executor,
+            self._states,
+            self._owners,
+            all_keys=key,
+            living=self._living if only_wanted else None,
+        )
         # When the latest news of a token came.
         self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
         # The questions whether a token that was reported gone is still there, by its key.
@@ -137,10 +142,6 @@ class StreamWatch:
     def _forget_wanted(self, state: StreamState) -> None:
         if self._wanted is not None:
             self._wanted.forget(state.key)
-
-    def _is_most(self, count: int) -> bool:
-        """Whether a query for all streams would mostly be about so many of them."""
-        return self._wanted is None or 2 * count >= len(self._living)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
         """Ask for the description of this epoch: another process publishes the stream now. Call it

@@ -291,7 +291,7 @@ class Filling:
         if not left:
             self._once.warning("full", "Fill no gaps of more than %d recorders", _MOST_KEEPERS)
             return False
-        del self._keepers[min(left, key=lambda prefix: left[prefix])]
+        del self._keepers[min(left, key=left.__getitem__)]
         return True
 
     def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
@@ -367,7 +368,7 @@ class Past:
         began_ns = min((raw.log_ns for raw in (*held, *came)), default=0)
         first = [raw._replace(log_ns=began_ns) for raw in came if raw.source.is_essential]
         rest = [raw for raw in came if not raw.source.is_essential]
-        return [*first, *sorted([*held, *rest], key=lambda raw: raw.log_ns)]
+        return [*first, *sorted([*held, *rest], key=attrgetter("log_ns"))]
 
     def _held(self, came: list[Raw], source: SourceOf) -> Iterator[Raw]:
         known, delays_ns, first_ns = _known(came)

@@ -333,7 +333,7 @@ class Delays:
                 calls_s[ran.what].append(ran.ended_s - ran.began_s - ran.waited_s)
         if not shares_s:
             return None
-        by = max(shares_s, key=lambda what: shares_s[what])
+        by = max(shares_s, key=shares_s.__getitem__)
         return by, calls_s[by]
 
 

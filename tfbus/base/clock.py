@@ -8,6 +8,7 @@ jump back as before it.
 from abc import abstractmethod
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from operator import attrgetter
 from typing import Any
 
 from tfbus.base import scheduler
@@ -280,7 +281,7 @@ class SimulatedClock(Clock):
         for alarm in due:
             del self._alarms[alarm]
         self._next_due_ns = min((alarm.due_ns for alarm in self._alarms), default=None)
-        return sorted(due, key=lambda alarm: alarm.due_ns)
+        return sorted(due, key=attrgetter("due_ns"))
 
 
 class _SimulatedLimit(Limit):

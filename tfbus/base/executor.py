@@ -7,10 +7,10 @@ import sys
 from collections import Counter, deque
 from collections.abc import Callable, Coroutine
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVarTuple
+from typing import TYPE_CHECKING, Any
 
 from tfbus.base import scheduler
-from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Ran, here
+from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Given, Ran, here
 from tfbus.base.clock import Bell, SimulatedClock, Timer
 from tfbus.base.errors import TfbusError
 from tfbus.base.lazy_exports import imported
@@ -18,8 +18,6 @@ from tfbus.base.wording import counted
 
 if TYPE_CHECKING:
     from tfbus.base.event_loop import EventLoop  # asyncio takes long to load
-
-Given = TypeVarTuple("Given")
 
 # A callback; a coroutine that it returns is run, too.
 Callback = Callable[[], Any]

@@ -8,7 +8,8 @@ import math
 from collections.abc import Callable
 
 from tfbus.base import scheduler
-from tfbus.base.executor import Executor, Given
+from tfbus.base.callbacks import Given
+from tfbus.base.executor import Executor
 
 # The process looks so often whether it runs, and has not run if that comes so much later: a link
 # outlives a pause of less than about a second.

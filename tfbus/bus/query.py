@@ -14,6 +14,7 @@ from tfbus.base.executor import Executor
 from tfbus.base.structs import Struct
 from tfbus.base.wording import printable
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import Callbacks
 from tfbus.bus.zenoh_library import bus_errors
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
 
@@ -41,14 +42,13 @@ class Answer(NamedTuple):
     sender: str = ""
 
 
-def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answer:
-    """The answer in a reply of Zenoh's.
+def answer_of(reply: zenoh.Reply, key: str, callbacks: Callbacks) -> Answer:
+    """The answer in a reply of Zenoh's to a query at `key`.
 
-    A refusal, of which a terminal can show all, if `mistake_in_size` says why a payload of this
-    size is not read.
+    A refusal, of which a terminal can show all, if the payload is larger than one that is read.
     """
     if reply.ok is not None:
-        if mistake := mistake_in_size(size_of(reply.ok.payload)):
+        if mistake := callbacks.mistake_in_answer(key, size_of(reply.ok.payload)):
             return Answer(
                 str(reply.ok.key_expr), b"", refusal=f"the answer was dropped unread: {mistake}"
             )

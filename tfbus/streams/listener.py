@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Set
+from collections.abc import Set
 from typing import Any, Literal, SupportsFloat, get_args
 
 from tfbus.base import scheduler
@@ -14,6 +14,7 @@ from tfbus.base.log import LogOnce
 from tfbus.base.structs import replace
 from tfbus.base.wording import is_printable, quoted
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.callbacks import OnSample
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.transform import check_frame_id
@@ -135,7 +136,7 @@ class TransformListener:
         self._executor = Executor(f"{node.full_name} streams", node.log)
         self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
-        self._unlisted = UnlistedFrames(self._executor, self._drop_unlisted)
+        self._unlisted = UnlistedFrames(self._registry, self._executor)
         # Streams with messages that wait for the names of their frames.
         self._unnamed: set[str] = set()
         self._foreign = 0
@@ -380,11 +381,6 @@ class TransformListener:
             )
         return reception
 
-    def _drop_unlisted(self, name: str, silent: frozenset[str]) -> None:
-        reception = self._registry.reception(name)
-        if reception is not None:
-            reception.drop_unlisted(silent)
-
     def _ask_for_description(self, name: str, epoch_ns: int) -> None:
         """Another process publishes the stream now: the last description is not its own."""
         stream = self._registry.get(name)
@@ -529,7 +525,7 @@ class TransformListener:
             static_transforms_key_beside(state.key) in stream.read_keys
         )
 
-    def _while_read(self, stream: KnownStream, key: str) -> Callable[[str, bytes], None]:
+    def _while_read(self, stream: KnownStream, key: str) -> OnSample:
         """Takes the messages of a key; some may still come after it is left."""
         stream.read_keys.add(key)
 

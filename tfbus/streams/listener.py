@@ -376,9 +376,7 @@ class TransformListener:
             around=self._around,
         )
         if self._rights is not None:
-            reception.rights = self._rights.frames(
-                key, reception.refuse_frame, is_fleet=self._is_fleet
-            )
+            reception.rights = self._rights.frames(key, reception.facts, is_fleet=self._is_fleet)
         return reception
 
     def _ask_for_description(self, name: str, epoch_ns: int) -> None:

@@ -228,7 +228,7 @@ class BareMcap:
 
     def messages(self) -> Iterator[ForeignMessage]:
         """All readable messages in order of log time, whatever the order of the file."""
-        for message in in_order(self._groups(), lambda message: message.log_ns):
+        for message in in_order(self._groups(), attrgetter("log_ns")):
             yield self._message(message)
 
     def _groups(self) -> Iterator[tuple[int, list[Message], int]]:

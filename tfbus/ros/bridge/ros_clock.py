@@ -11,6 +11,7 @@ from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
 from tfbus.messages import Clock
+from tfbus.node.clock_topic import ClockPublisher
 from tfbus.node.node import Node
 from tfbus.ros.bridge.bridges import Bridges, RosBridge
 from tfbus.ros.bridge.common import ClockWay, RosPublishers
@@ -78,8 +79,7 @@ class RosClock:
         self._alone_from_s = 0.0
         self._bridge_gids: frozenset[str] = frozenset()
         self._sender: RosSender | None = None
-        self._publisher: Endable | None = None
-        self._publish: Callable[[Clock], None] = lambda clock: None
+        self._publisher: ClockPublisher | None = None
         self._subscriptions: list[Endable] = []
         if any(self._may.values()):
             self._subscriptions = [
@@ -175,7 +175,7 @@ class RosClock:
                 return
             # Before the first message of its own comes.
             self.way = "from ROS"
-            self._publisher, self._publish = publisher, publisher.publish
+            self._publisher = publisher
         self._node.log.info(
             "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"
         )
@@ -186,7 +186,6 @@ class RosClock:
             if each is not None:
                 each.close()
         self._sender = self._publisher = None
-        self._publish = lambda clock: None
 
     def _heard(self, way: str) -> None:
         now_s = scheduler.monotonic()
@@ -206,12 +205,14 @@ class RosClock:
             if self.way == "to ROS" and not gid:
                 return
             self._heard("from ROS")
-            publish = self._publish
+            publisher = self._publisher
+        if publisher is None:
+            return
         # Without the lock: the message comes to this session too, on this thread.
         try:
-            publish(Clock(stamp_ns))
+            publisher.publish(Clock(stamp_ns))
         except TfbusError as error:
-            if publish is not self._publish:
+            if publisher is not self._publisher:
                 return  # the way has ended meanwhile
             self._once.warning("clock", "The time does not come from ROS: %s", error)
 

@@ -6,7 +6,8 @@ import re
 import time
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
@@ -392,7 +393,8 @@ def test_pages_read_a_growing_file_as_a_whole_once(
     monkeypatch.setattr(kept, "RecordingReader", Counted)
     path = tmp_path / "growing.mcap"
     with RecordingWriter(path) as writer, network.process(network.host("robot"), "recorder"):
-        files = kept.KeptFiles(Node("recorder"), lambda: [path])
+        parts = cast(PartsWritten, SimpleNamespace(files=[path]))
+        files = kept.KeptFiles(Node("recorder"), parts)
         written: list[int] = []
 
         def pages() -> list[list[int]]:

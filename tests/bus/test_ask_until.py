@@ -1,13 +1,14 @@
 """Questions that are asked again until an answer has come."""
 
 from collections.abc import Callable
-from typing import cast
+from functools import partial
+from typing import Any, cast
 
 import pytest
 
 from tfbus.base.errors import BusError
 from tfbus.base.executor import Executor
-from tfbus.bus.query import AskUntil, Pauses
+from tfbus.bus.query import AskUntil, OnEnd, Pauses
 
 
 class Asked:
@@ -21,11 +22,11 @@ class Asked:
         self.is_settled = self.has_failed = False
         self.asking = AskedUntil(self, pauses)
 
-    def submit(self, what: str, callback: Callable[[], None]) -> None:
-        callback()
+    def submit(self, what: str, callback: Callable[..., None], *given: Any) -> None:
+        callback(*given)
 
-    def after(self, delay_s: float, callback: Callable[[], None]) -> None:
-        self.waiting.append((delay_s, callback))
+    def after(self, delay_s: float, callback: Callable[..., None], *given: Any) -> None:
+        self.waiting.append((delay_s, partial(callback, *given)))
 
     def pass_time(self) -> list[float]:
         """Run what waits; for how long each waited."""
@@ -42,7 +43,7 @@ class AskedUntil(AskUntil):
         super().__init__(cast(Executor, asked), "a test", pauses)
         self.asked = asked
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         if self.asked.has_failed:
             raise BusError("the session is closed")
         assert turn == len(self.asked.ends)

@@ -5,11 +5,12 @@ import logging
 import pytest
 
 from tests.builders import at
-from tfbus import SettingsError
+from tfbus import Buffer, SettingsError
 from tfbus.base.log import LogOnce
 from tfbus.bus.rights import RIGHTS, ROLES, Identity, Rights
 from tfbus.geometry.columns import Columns
 from tfbus.streams.frame_names import StreamRights
+from tfbus.streams.stream_facts import ReceptionHooks, StreamFacts
 from tfbus.streams.stream_states import StreamStates
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import StreamDescription
@@ -183,16 +184,17 @@ def test_an_identity_needs_the_rights_of_few() -> None:
 def test_a_listener_takes_the_frames_that_a_stream_may_have(
     key: str, is_fleet: bool, allowed: set[str]
 ) -> None:
-    """By its key, and by the names of its frames as they are called here; others are named."""
+    """By its key, and by the names of its frames as they are called here; others are counted."""
     rights = Rights({"arm": Identity("arm", "publisher", frames=("arm/*",))})
-    refused: list[str] = []
-    of_stream = StreamRights(rights, "").frames(key, refused.append, is_fleet=is_fleet)
+    log = logging.getLogger("test")
+    facts = StreamFacts("arm", Buffer(), log, ReceptionHooks(log))
+    of_stream = StreamRights(rights, "").frames(key, facts, is_fleet=is_fleet)
     children = {"arm/left", "leg", "robot7/arm/left", "robot7/leg"}
     rows = Columns.of_transforms(at(child=child) for child in sorted(children))
-    for _ in range(2):
+    for turn in (1, 2):
         kept = rows if of_stream is None else of_stream.allowed_of(rows)
         assert set(kept.children()) == allowed
-        assert set(refused) == children - allowed
+        assert facts.counts.forbidden == turn * len(children - allowed)
 
 
 def test_a_description_is_judged_by_its_child_frames() -> None:

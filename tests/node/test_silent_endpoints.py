@@ -5,7 +5,7 @@ import re
 import socket
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import cast
+from typing import Any, cast
 
 import pytest
 
@@ -52,9 +52,9 @@ class FakeBus:
     def routers(self) -> list[str]:
         return self.routers_
 
-    def after(self, _: float, callback: Callable[[], None]) -> None:
+    def after(self, _: float, callback: Callable[..., None], *given: Any) -> None:
         self.looks += 1
-        callback()
+        callback(*given)
 
 
 @pytest.mark.parametrize(

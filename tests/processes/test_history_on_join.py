@@ -23,7 +23,7 @@ from tfbus import (
     TransformListener,
     TransformStamped,
 )
-from tfbus.streams.queries import AskedHistory
+from tfbus.streams.history import AskedHistory
 
 S = 10**9
 

@@ -3,6 +3,7 @@
 import heapq
 import itertools
 from collections.abc import Callable
+from functools import partial
 from random import Random
 from types import SimpleNamespace
 from typing import Any, cast
@@ -18,7 +19,7 @@ from tfbus.base.executor import Executor
 from tfbus.buffer.trajectories import samples
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
-from tfbus.streams.queries import AskedHistory, AskPages, PagesInTurn
+from tfbus.streams.history import AskedHistory, AskPages, PagesInTurn
 from tfbus.streams.reception import StreamReception
 from tfbus.wire.pages import Page, encode_page
 
@@ -107,11 +108,12 @@ class Past:
     def receive_kept(self, payload: bytes) -> None:
         self.kept.append(payload)
 
-    def submit(self, what: str, job: Callable[[], None]) -> None:
-        self.after(0.0, job)
+    def submit(self, what: str, job: Callable[..., None], *given: Any) -> None:
+        self.after(0.0, job, *given)
 
-    def after(self, delay_s: float, job: Callable[[], None]) -> Any:
-        heapq.heappush(self._due, (self._now_s + delay_s, next(self._order), job))
+    def after(self, delay_s: float, job: Callable[..., None], *given: Any) -> Any:
+        due_s = self._now_s + delay_s
+        heapq.heappush(self._due, (due_s, next(self._order), partial(job, *given)))
         return SimpleNamespace(cancel=lambda: None)
 
     def run(self, end_s: float) -> None:
@@ -281,7 +283,7 @@ def test_a_question_goes_on_though_its_key_made_room_for_others(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The missing times that are asked for next are not lost with the key."""
-    monkeypatch.setattr("tfbus.streams.queries._MOST_MISSING", 2)
+    monkeypatch.setattr("tfbus.streams.history._MOST_MISSING", 2)
     past = Past()
     past.ask()
     past.answer(Page((), next="here"))
@@ -310,6 +312,23 @@ def test_lookups_wait_for_no_past_of_a_stream_that_keeps_none(bus: Bus) -> None:
         assert [info.frames for info in listener.streams()] == [(("world", "robot", False),)]
 
 
+class AskNoted(AskPages):
+    """Notes the pages that come."""
+
+    def __init__(self, pages: "Pages") -> None:
+        super().__init__(cast(Session, pages.past), pages.executor, pages.turns)
+        self._came = pages.came
+
+    def selector(self) -> str:
+        return "tf/sim"
+
+    def on_page(self, page: Page) -> None:
+        self._came.append(page)
+
+    def on_over(self) -> None:
+        pass
+
+
 class Pages:
     """The pages of one key as they are asked for, all in turns of one question at a time."""
 
@@ -319,20 +338,8 @@ class Pages:
         self.turns = PagesInTurn(self.executor, most=1)
         self.came: list[Page] = []
 
-    def ask(
-        self,
-        selector: Callable[[], str] = lambda: "tf/sim",
-        on_message: Callable[[Answer], object] | None = None,
-    ) -> AskPages:
-        asking = AskPages(
-            cast(Session, self.past),
-            self.executor,
-            selector,
-            on_page=lambda page, key: self.came.append(page),
-            on_message=on_message,
-            on_over=lambda: None,
-            turns=self.turns,
-        )
+    def ask(self, kind: type[AskNoted] = AskNoted) -> AskNoted:
+        asking = kind(self)
         asking.start()
         return asking
 
@@ -344,14 +351,22 @@ class Pages:
         self.past.run(0.0)
 
 
-@pytest.mark.parametrize("takes_messages", [False, True])
-def test_a_stray_answer_completes_nothing_where_only_pages_are_taken(takes_messages: bool) -> None:
+class AskMessages(AskNoted):
+    """Takes answers that are no pages, too."""
+
+    def on_message(self, answer: Answer) -> bool:
+        return answer.payload == b"stray"
+
+
+@pytest.mark.parametrize(("kind", "takes_messages"), [(AskNoted, False), (AskMessages, True)])
+def test_a_stray_answer_completes_nothing_where_only_pages_are_taken(
+    kind: type[AskNoted], takes_messages: bool
+) -> None:
     """Where earlier versions answer with messages, it is all of them."""
-    pages, messages = Pages(), list[Answer]()
-    asking = pages.ask(on_message=messages.append if takes_messages else None)
+    pages = Pages()
+    asking = pages.ask(kind)
     pages.answer(b"stray")
     assert (asking.is_complete, asking.is_over) == (takes_messages, takes_messages)
-    assert len(messages) == takes_messages
 
 
 def test_a_page_whose_next_is_itself_is_no_answer() -> None:
@@ -367,11 +382,12 @@ def test_a_page_whose_next_is_itself_is_no_answer() -> None:
 def test_a_turn_ends_though_its_question_fails() -> None:
     """Others wait for it."""
 
-    def full() -> str:
-        raise OSError("the disk is full")
+    class AskFull(AskNoted):
+        def selector(self) -> str:
+            raise OSError("the disk is full")
 
     pages = Pages()
     with pytest.raises(OSError):
-        pages.ask(full)
+        pages.ask(AskFull)
     pages.ask()
     assert len(pages.past.questions) == 1

@@ -4,7 +4,8 @@ import gc
 import logging
 import weakref
 from collections.abc import Callable
-from typing import cast
+from functools import partial
+from typing import Any, cast
 
 import pytest
 
@@ -49,16 +50,16 @@ class Asked:
         self.on_answer, self.on_end = on_answer, on_end
         self._is_open = True
 
-    def submit(self, what: str, callback: Callable[[], None]) -> None:
-        callback()
+    def submit(self, what: str, callback: Callable[..., None], *given: Any) -> None:
+        callback(*given)
 
-    def after(self, delay_s: float, callback: Callable[[], None]) -> None:
+    def after(self, delay_s: float, callback: Callable[..., None], *given: Any) -> None:
         if self._is_open:
             self.impatiences += 1
-            self.impatient = callback
+            self.impatient = partial(callback, *given)
         else:
             self.pauses_s.append(delay_s)
-            self.later = callback
+            self.later = partial(callback, *given)
 
     def no_answer_comes(self) -> None:
         """The question ends without an answer, and the pause after it."""

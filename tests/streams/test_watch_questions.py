@@ -3,6 +3,7 @@
 import heapq
 import itertools
 from collections.abc import Callable
+from functools import partial
 from typing import Any, cast
 
 import pytest
@@ -96,11 +97,12 @@ class Questions:
             on_answer(Answer(key, answer))
         self.after(self.takes_s, on_end)
 
-    def submit(self, what: str, job: Callable[[], None], *, limit: int = 0) -> None:
-        self.after(0.0, job)
+    def submit(self, what: str, job: Callable[..., None], *given: Any, limit: int = 0) -> None:
+        self.after(0.0, job, *given)
 
-    def after(self, delay_s: float, job: Callable[[], None]) -> None:
-        heapq.heappush(self._due, (self.now_s + delay_s, next(self._order), job))
+    def after(self, delay_s: float, job: Callable[..., None], *given: Any) -> None:
+        due_s = self.now_s + delay_s
+        heapq.heappush(self._due, (due_s, next(self._order), partial(job, *given)))
 
     def every(self, period_s: float, job: Callable[[], None]) -> None:
         def tick() -> None:

@@ -22,7 +22,7 @@ from tfbus.base.own_pauses import own_pauses
 from tfbus.base.wording import counted, duration, printable
 from tfbus.bus.session import Session
 from tfbus.recording.items import EventItem, EventKind, Selection
-from tfbus.streams.queries import AskPages, PagesInTurn
+from tfbus.streams.history import AskPages, PagesInTurn
 from tfbus.wire.keys import (
     ALL_KEEPERS,
     ALL_KEEPERS_EVERYWHERE,
@@ -218,11 +218,11 @@ class Filling:
 
     def _note_lost(self, name: str, is_here: bool) -> None:
         now_ns = self._recorder.now_ns()
-        self._executor.submit("filling", lambda: self._lost.append((now_ns, name, is_here)))
+        self._executor.submit("filling", self._lost.append, (now_ns, name, is_here))
 
     def _note_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
         self._executor.submit(
-            "filling", lambda: self._take_outage(stream, from_ns, until_ns), limit=_MOST_OUTAGES
+            "filling", self._take_outage, stream, from_ns, until_ns, limit=_MOST_OUTAGES
         )
 
     def _take_outage(self, stream: str, from_ns: int, until_ns: int) -> None:
@@ -237,7 +237,7 @@ class Filling:
                 self._note_received()
 
     def _on_token(self, key: str, alive: bool) -> None:
-        self._executor.submit("filling", lambda: self._take_token(key, alive))
+        self._executor.submit("filling", self._take_token, key, alive)
 
     def _take_token(self, key: str, alive: bool) -> None:
         prefix = key.partition("@tfbus/")[0]
@@ -291,7 +291,7 @@ class Filling:
         if not left:
             self._once.warning("full", "Fill no gaps of more than %d recorders", _MOST_KEEPERS)
             return False
-        del self._keepers[min(left, key=lambda prefix: left[prefix])]
+        del self._keepers[min(left, key=left.__getitem__)]
         return True
 
     def _add_gap(self, keeper: _Keeper, gap: _Gap) -> None:
@@ -337,55 +337,7 @@ class Filling:
         if ended_s < _AFTER_S:
             self._fill_later(keeper, _AFTER_S - ended_s)
             return
-        written: list[tuple[Page, Future[object]]] = []
-        asked_ns = 0
-
-        def take_written() -> bool:
-            return all(self._take_written(keeper, gap, *written.pop()) for _ in [*written])
-
-        def selector() -> str:
-            # A page is asked for once the one before is written.
-            if not take_written():
-                asking.close()
-                raise BusError("a page could not be written")
-            nonlocal asked_ns
-            now_ns = asked_ns = self._recorder.now_ns()
-            from_s, until_s = ((now_ns - each) / 1e9 for each in (gap.from_ns, gap.until_ns))
-            return kept_selector(keeper.key, from_s, max(until_s, 0.0))
-
-        def take(page: Page, _: str) -> None:
-            if gap.ahead_ns is None:
-                # The page waits for a narrow link, and messages of now wait for less.
-                then_ns = (asked_ns + self._recorder.now_ns()) // 2
-                gap.ahead_ns = page.now_ns - then_ns if page.now_ns else 0
-            raws = self._raws(page.messages, gap)
-            filled = self._recorder.fill(raws, gap.fill, self._again_ns(keeper))
-            written.append((page, filled))
-
-        def on_over() -> None:
-            self._executor.submit("filling", lambda: end())
-
-        def end() -> None:
-            is_written = take_written()
-            keeper.asking = None
-            if asking.is_complete and is_written:
-                keeper.gaps.remove(gap)
-                self._end_gap(keeper, gap)
-                self._fill(keeper)
-            elif keeper.is_there:
-                self._fill_later(keeper, _AGAIN_S)
-
-        asking = keeper.asking = AskPages(
-            self._session,
-            self._executor,
-            selector,
-            on_page=take,
-            on_message=None,
-            on_over=on_over,
-            turns=self._turns,
-            place=gap.place,
-            payload=self._wanted,
-        )
+        asking = keeper.asking = _AskGap(self, keeper, gap)
         asking.start()
 
     def _again_ns(self, keeper: _Keeper) -> int:
@@ -467,3 +419,62 @@ class Filling:
         own = relative(f"/{key}", self._session.settings.namespace)
         source = None if own.startswith("/") else self._capture.late_source(own)
         return None if source is None else Raw(log_ns, source, payload)
+
+
+class _AskGap(AskPages):
+    """Asks a recorder for its messages of a gap, each page once the one before is written."""
+
+    def __init__(self, filling: Filling, keeper: _Keeper, gap: _Gap) -> None:
+        super().__init__(
+            filling._session,
+            filling._executor,
+            filling._turns,
+            place=gap.place,
+            payload=filling._wanted,
+        )
+        self._filling = filling
+        self._keeper = keeper
+        self._gap = gap
+        self._written: list[tuple[Page, Future[object]]] = []
+        self._asked_ns = 0
+
+    def selector(self) -> str:
+        if not self._take_written():
+            self.close()
+            raise BusError("a page could not be written")
+        now_ns = self._asked_ns = self._filling._recorder.now_ns()
+        from_s, until_s = (
+            (now_ns - each) / 1e9 for each in (self._gap.from_ns, self._gap.until_ns)
+        )
+        return kept_selector(self._keeper.key, from_s, max(until_s, 0.0))
+
+    def on_page(self, page: Page) -> None:
+        filling, keeper, gap = self._filling, self._keeper, self._gap
+        if gap.ahead_ns is None:
+            # The page waits for a narrow link, and messages of now wait for less.
+            then_ns = (self._asked_ns + filling._recorder.now_ns()) // 2
+            gap.ahead_ns = page.now_ns - then_ns if page.now_ns else 0
+        raws = filling._raws(page.messages, gap)
+        filled = filling._recorder.fill(raws, gap.fill, filling._again_ns(keeper))
+        self._written.append((page, filled))
+
+    def on_over(self) -> None:
+        self._filling._executor.submit("filling", self._end)
+
+    def _end(self) -> None:
+        filling, keeper, gap = self._filling, self._keeper, self._gap
+        is_written = self._take_written()
+        keeper.asking = None
+        if self.is_complete and is_written:
+            keeper.gaps.remove(gap)
+            filling._end_gap(keeper, gap)
+            filling._fill(keeper)
+        elif keeper.is_there:
+            filling._fill_later(keeper, _AGAIN_S)
+
+    def _take_written(self) -> bool:
+        """Wait until what has come is written; False if it could not be."""
+        filling, keeper, gap = self._filling, self._keeper, self._gap
+        return all(
+            filling._take_written(keeper, gap, *self._written.pop()) for _ in [*self._written]
+        )

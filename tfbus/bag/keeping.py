@@ -162,6 +162,11 @@ class PartsWritten:
         self._synced = True
 
     @property
+    def files(self) -> list[Path]:
+        """All files, those of older recordings first; the last one grows."""
+        return [*self.older, *self.paths]
+
+    @property
     def is_open(self) -> bool:
         """Whether a file is open."""
         return self._writer is not None
@@ -270,7 +275,7 @@ class PartsWritten:
     def _is_beyond(self, keep: Keep) -> bool:
         """Whether the oldest file is not to be kept; the one that is open is."""
         sizes, ended_s = [], []
-        for path in [*self.older, *self.paths]:
+        for path in self.files:
             with suppress(FileNotFoundError):
                 found = path.stat()
                 sizes.append(found.st_size)

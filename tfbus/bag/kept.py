@@ -1,11 +1,12 @@
 """Recordings that a recorder keeps on its disk, and serves: others fill their gaps from them."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import NamedTuple
 
+from tfbus.bag.keeping import PartsWritten
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import BusError, InvalidArgumentException, TfbusError
@@ -104,12 +105,12 @@ class _Opened(NamedTuple):
 class KeptFiles:
     """Serves the items of recordings, page by page, until `close()`.
 
-    `paths()` are the files, of which the last one grows. A query asks for the items from `last_s`
+    The last of the files of `parts` grows. A query asks for the items from `last_s`
     to `until_s` seconds ago; its payload may name a part of them, as `Wanted`.
     """
 
-    def __init__(self, node: Node, paths: Callable[[], Sequence[Path]]) -> None:
-        self._paths = paths
+    def __init__(self, node: Node, parts: PartsWritten) -> None:
+        self._parts = parts
         self._key = kept_key(node.name)
         self._lock = scheduler.Lock()
         # The first and last log times of files that are whole.
@@ -200,7 +201,7 @@ class KeptFiles:
 
     def _in_turn(self, begin_ns: int, end_ns: int) -> Iterator[list[Path]]:
         """The files with items between two log times; together the files whose spans overlap."""
-        paths = self._paths()
+        paths = self._parts.files
         found = [(span, path) for path in paths if (span := self._span_of(path, paths[-1]))]
         group: list[Path] = []
         until_ns = -1

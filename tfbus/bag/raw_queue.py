@@ -3,17 +3,19 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from operator import attrgetter
 from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 from tfbus.base import scheduler
 from tfbus.base.errors import DecodeError
 from tfbus.base.executor import Executor
+from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.ros.schema import MessageCodec
+from tfbus.streams.history import AskPages, PagesInTurn
 from tfbus.streams.info import StreamState
-from tfbus.streams.queries import AskPages, PagesInTurn
 from tfbus.wire.codec import decode_map, encode_map
 from tfbus.wire.descriptions import FLOAT64, StreamDescription
 from tfbus.wire.keys import transforms_key_beside
@@ -341,7 +343,7 @@ class Past:
             if not description.history_s:
                 return
             self._open += 1
-        self._asked[state.key] = asking = self._asking(state.key)
+        self._asked[state.key] = asking = _AskHeld(self, state.key)
         asking.start()
 
     def is_complete(self) -> bool:
@@ -366,7 +368,7 @@ class Past:
         began_ns = min((raw.log_ns for raw in (*held, *came)), default=0)
         first = [raw._replace(log_ns=began_ns) for raw in came if raw.source.is_essential]
         rest = [raw for raw in came if not raw.source.is_essential]
-        return [*first, *sorted([*held, *rest], key=lambda raw: raw.log_ns)]
+        return [*first, *sorted([*held, *rest], key=attrgetter("log_ns"))]
 
     def _held(self, came: list[Raw], source: SourceOf) -> Iterator[Raw]:
         known, delays_ns, first_ns = _known(came)
@@ -397,29 +399,32 @@ class Past:
                 self._bytes += size
                 self._kept.append((key, payload, scheduler.time_ns()))
 
-    def _asking(self, stream_key: str) -> AskPages:
-        """Asks the stream of this token for all that it holds."""
-        keys = f"{transforms_key_beside(stream_key)}/**"
-        namespace = stream_key.partition("@tfbus/")[0]
 
-        def keep_page(page: Page, _: str) -> None:
-            for message in page.messages:
-                self._keep(f"{namespace}{message.key}", message.payload)
+class _AskHeld(AskPages):
+    """Asks the stream of a token for all that it holds."""
 
-        def on_over() -> None:
-            with self._lock:
-                self._open -= 1
-                self._news_s = scheduler.monotonic()
+    def __init__(self, past: Past, stream_key: str) -> None:
+        super().__init__(past._session, past._executor, past._turns)
+        self._past = past
+        self._keys = f"{transforms_key_beside(stream_key)}/**"
+        self._namespace = stream_key.partition("@tfbus/")[0]
 
-        return AskPages(
-            self._session,
-            self._executor,
-            lambda: keys,
-            on_page=keep_page,
-            on_message=lambda answer: self._keep(answer.key, answer.payload),
-            on_over=on_over,
-            turns=self._turns,
-        )
+    def selector(self) -> str:
+        return self._keys
+
+    def on_page(self, page: Page) -> None:
+        for message in page.messages:
+            self._past._keep(f"{self._namespace}{message.key}", message.payload)
+
+    def on_message(self, answer: Answer) -> bool:
+        self._past._keep(answer.key, answer.payload)
+        return True
+
+    def on_over(self) -> None:
+        past = self._past
+        with past._lock:
+            past._open -= 1
+            past._news_s = scheduler.monotonic()
 
 
 def _known(came: list[Raw]) -> tuple[set[object], dict[str, int], dict[str, int]]:

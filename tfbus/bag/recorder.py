@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from weakref import WeakSet
 
@@ -26,6 +27,7 @@ from tfbus.bag.keeping import (
 )
 from tfbus.bag.raw_queue import EVENTS, MessageSource, Past, Raw, RawQueue, SourceOf
 from tfbus.base import scheduler
+from tfbus.base.callbacks import Given
 from tfbus.base.errors import DecodeError, InvalidArgumentException, TfbusError
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import counted, did_you_mean, duration, listed, printable
@@ -278,13 +280,13 @@ class Recorder:
         """Go on in a new file, or write a snapshot: the file that is whole then. Raises TfbusError
         if it cannot.
         """
-        written = self._ask(lambda: self._split("asked"))
+        written = self._ask(self._split, "asked")
         assert isinstance(written, WrittenPart)
         return written
 
     def split_later(self) -> None:
         """As `split`, without waiting for it."""
-        self._submit(lambda: self._split("asked"))
+        self._submit(self._split, "asked")
 
     def now_ns(self) -> int:
         """The log time of now."""
@@ -438,22 +440,22 @@ class Recorder:
 
     # Questions of other threads
 
-    def _submit(self, job: Callable[[], object]) -> "Future[object]":
+    def _submit(self, job: Callable[[*Given], object], *given: *Given) -> "Future[object]":
         answer: Future[object] = Future()
         with self._asking:
             if self._has_ended:
                 answer.set_exception(self._why_ended())
             else:
-                self._asked.append((job, answer))
+                self._asked.append((partial(job, *given), answer))
         self._queue.wake()
         return answer
 
     def _why_ended(self) -> TfbusError:
         return TfbusError(self.failure or "the recorder has ended")
 
-    def _ask(self, job: Callable[[], object]) -> object:
+    def _ask(self, job: Callable[[*Given], object], *given: *Given) -> object:
         try:
-            return self._submit(job).result(_ANSWER_WITHIN_S)
+            return self._submit(job, *given).result(_ANSWER_WITHIN_S)
         except TimeoutError:
             raise TfbusError(
                 f"the recorder did not answer within {_ANSWER_WITHIN_S:g} s: is the disk too slow?"

@@ -7,14 +7,17 @@ import logging
 import threading
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable
-from typing import Any
+from functools import partial
+from typing import Any, TypeVarTuple
 
 from tfbus.base import scheduler
 from tfbus.base.log import LogOnce
 from tfbus.base.structs import Struct
 from tfbus.base.wording import duration
 
-Job = Callable[[], None]
+Given = TypeVarTuple("Given")
+
+Job = Callable[[], object]
 
 
 class Workers:
@@ -34,21 +37,21 @@ class Workers:
         self._waiting: deque[Job] = deque()
         self._closed = False
 
-    def do(self, job: Job) -> bool:
-        """Run the job soon; False if too many wait already, or after `close`: then it does not
-        run.
+    def do(self, job: Callable[[*Given], object], *given: *Given) -> bool:
+        """Run `job(*given)` soon. False if too many wait already, or after `close`: then it does
+        not run.
         """
         with self._lock:
             if self._closed:
                 return False
             if len(self._threads) < self._most_threads:
                 thread = scheduler.Thread(
-                    target=self._run, args=(job,), name=self._name, daemon=True
+                    target=self._run, args=(partial(job, *given),), name=self._name, daemon=True
                 )
                 thread.start()
                 self._threads[thread] = None
             elif len(self._waiting) < self._most_waiting:
-                self._waiting.append(job)
+                self._waiting.append(partial(job, *given))
             else:
                 return False
         return True
@@ -333,7 +336,7 @@ class Delays:
                 calls_s[ran.what].append(ran.ended_s - ran.began_s - ran.waited_s)
         if not shares_s:
             return None
-        by = max(shares_s, key=lambda what: shares_s[what])
+        by = max(shares_s, key=shares_s.__getitem__)
         return by, calls_s[by]
 
 

@@ -8,6 +8,7 @@ jump back as before it.
 from abc import abstractmethod
 from collections.abc import Callable, Coroutine
 from contextlib import suppress
+from operator import attrgetter
 from typing import Any
 
 from tfbus.base import scheduler
@@ -280,7 +281,7 @@ class SimulatedClock(Clock):
         for alarm in due:
             del self._alarms[alarm]
         self._next_due_ns = min((alarm.due_ns for alarm in self._alarms), default=None)
-        return sorted(due, key=lambda alarm: alarm.due_ns)
+        return sorted(due, key=attrgetter("due_ns"))
 
 
 class _SimulatedLimit(Limit):
@@ -373,8 +374,8 @@ class Timer:
     def __init__(
         self,
         period_s: float,
-        callback: Callable[[], Any],
-        *,
+        callback: Callable[..., Any],
+        *given: Any,
         once: bool = False,
         group: CallbackGroup | None = None,
     ):
@@ -386,6 +387,7 @@ class Timer:
         self.period_s = period_s
         self.period_ns = max(1, round(period_s * 1e9))
         self.callback = callback
+        self.given = given
         self.once = once
         self.group = group
         self.cancelled = False
@@ -399,7 +401,7 @@ class Timer:
         """
         if self.is_awaited:
             return None
-        answer = self.callback()
+        answer = self.callback(*self.given)
         if answer is not None and isinstance(answer, Coroutine):
             self.is_awaited = True
             return self._until_ended(answer)
@@ -416,7 +418,7 @@ class Timer:
         self.cancelled = True
 
 
-def timer_name(period_s: float, callback: Callable[[], Any]) -> str:
+def timer_name(period_s: float, callback: Callable[..., Any]) -> str:
     """The name of a timer in the log: `timer of 50 ms (broadcast)`; with `OWN` in front of one of
     tfbus's own.
     """

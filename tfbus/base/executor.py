@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.base import scheduler
-from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Ran, here
+from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Given, Ran, here
 from tfbus.base.clock import Bell, SimulatedClock, Timer
 from tfbus.base.errors import TfbusError
 from tfbus.base.lazy_exports import imported
@@ -111,12 +111,12 @@ class Executor:
     def submit(
         self,
         what: str,
-        callback: Callback,
-        *,
+        callback: Callable[[*Given], Any],
+        *given: *Given,
         limit: int | None = None,
         group: CallbackGroup | None = None,
     ) -> bool:
-        """Run `callback` after the ones submitted before; `what` names it in the log.
+        """Run `callback(*given)` after the ones submitted before; `what` names it in the log.
 
         False if `limit` callbacks of this name wait already, or await something: then it does
         not run.
@@ -125,7 +125,7 @@ class Executor:
             if limit is not None and self._count_waiting(what, group) >= limit:
                 return False
             if not self._closed:
-                self._enqueue((what, callback, group))
+                self._enqueue((what, partial(callback, *given) if given else callback, group))
                 self._wake()
             return True
 
@@ -148,9 +148,9 @@ class Executor:
         self._set_alarm(clock, clock.elapsed_ns() + timer.period_ns, timer)
         return timer
 
-    def after(self, delay_s: float, callback: Callback) -> Timer:
-        """Run `callback` once, `delay_s` seconds from now."""
-        return self._start(Timer(delay_s, callback, once=True))
+    def after(self, delay_s: float, callback: Callable[[*Given], Any], *given: *Given) -> Timer:
+        """Run `callback(*given)` once, `delay_s` seconds from now."""
+        return self._start(Timer(delay_s, callback, *given, once=True))
 
     def dropped(self, what: str, pending: int) -> None:
         """Note that a topic of this name dropped a message, as so many wait already."""

@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable
 
 from tfbus.base import scheduler
+from tfbus.base.callbacks import Given
 from tfbus.base.executor import Executor
 
 # The process looks so often whether it runs, and has not run if that comes so much later: a link
@@ -50,17 +51,17 @@ class OwnPauses:
         self,
         executor: Executor,
         delay_s: float,
-        judge: Callable[[], object],
-        *,
+        judge: Callable[[*Given], object],
+        *given: *Given,
         times: int = MOST_TIMES,
     ) -> None:
-        """Judge others on this executor after so many seconds, and later after a pause."""
+        """Call `judge(*given)` on this executor after so many seconds, and later after a pause."""
 
         def look() -> None:
             if (left_s := self.left_s()) and times:
-                self.after(executor, left_s, judge, times=times - 1)
+                self.after(executor, left_s, judge, *given, times=times - 1)
             else:
-                judge()
+                judge(*given)
 
         executor.after(max(delay_s, self.left_s()), look)
 

@@ -21,6 +21,15 @@ from tfbus.base.signals import interrupt_again
 from tfbus.base.wording import printable
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of, kind_of_query, size_text
 
+# Takes the key of a sample, and its payload.
+OnSample = Callable[[str, bytes], None]
+
+# Takes also the id of the session that it is from; "" if it does not say.
+OnSignedSample = Callable[[str, bytes, str], None]
+
+# Takes the key of a token, a name or an id, and whether it is there now.
+OnToken = Callable[[str, bool], None]
+
 # At most as many threads are kept; Zenoh has a few that live as long as the process.
 _MOST_KEPT = 64
 
@@ -84,9 +93,7 @@ class Callbacks:
         """Log no further exceptions: the session ends, and all that callbacks use with it."""
         self._is_muted = True
 
-    def of_samples(
-        self, key: str, callback: Callable[[str, bytes], None]
-    ) -> tuple[Any, "DroppedSamples"]:
+    def of_samples(self, key: str, callback: OnSample) -> tuple[Any, "DroppedSamples"]:
         """A handler of Zenoh's that calls `callback(key, payload)` for each sample, and counts the
         samples that it drops unread.
         """
@@ -137,7 +144,7 @@ class Callbacks:
             self._once.warning(kind, "Dropped an answer to %r unread: %s", printable(key), mistake)
         return mistake
 
-    def of_signed_samples(self, key: str, callback: Callable[[str, bytes, str], None]) -> Any:
+    def of_signed_samples(self, key: str, callback: OnSignedSample) -> Any:
         """As `of_samples`; `callback(key, payload, sender)` also gets the id of the session that
         the sample is from, "" if it does not say. Retained samples do.
         """
@@ -159,7 +166,7 @@ class Callbacks:
 
         return direct(self.guarded(f"message of {key}", on_sample))
 
-    def guarded(self, what: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def guarded(self, what: str, callback: Callable[[Any], object]) -> Callable[[Any], None]:
         """The callback, which raises nothing: its first exception is logged, with `what` it is."""
         report = self._reporter(what)
 

@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from functools import partial
 from itertools import islice
 
 from tfbus.base import scheduler
@@ -93,7 +92,7 @@ class GraphWatch:
         self._pauses.watch(self._executor)
         # The nodes whose tokens were lost with the links of this process, perhaps.
         self._leaving: set[str] = set()
-        self._executor.submit("nodes", partial(self._ask_after, _EVERY_S))
+        self._executor.submit("nodes", self._ask_after, _EVERY_S)
         self._tokens = session.watch_living(self._key, self._on_token)
 
     def close(self) -> None:
@@ -141,7 +140,7 @@ class GraphWatch:
                 self._began[name] = scheduler.monotonic(), self._questions
             if not alive and self._pauses.left_s():
                 self._leaving.add(name)
-                self._pauses.after(self._executor, 0.0, partial(self._end_unless_back, name, key))
+                self._pauses.after(self._executor, 0.0, self._end_unless_back, name, key)
             elif not alive:
                 self._end(name, key)
             elif len(self._living) < _MOST_NODES:
@@ -181,7 +180,7 @@ class GraphWatch:
         """
 
         def on_end(living: list[str]) -> None:
-            self._executor.submit("a token that was lost", lambda: take(key in living))
+            self._executor.submit("a token that was lost", take, key in living)
 
         def take(is_there: bool) -> None:
             # Any news of the token in the meantime is newer.
@@ -222,7 +221,7 @@ class GraphWatch:
         answered: dict[str, set[str]] = {}
 
         def on_answer(answer: Answer) -> None:
-            self._executor.submit("answers", lambda: self._take_answer(answer, answered, question))
+            self._executor.submit("answers", self._take_answer, answer, answered, question)
 
         def on_end() -> None:
             self._executor.submit("answers", end)

@@ -18,7 +18,7 @@ import zenoh
 from tfbus.base import scheduler
 from tfbus.base.errors import BusError
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, DroppedSamples, direct
+from tfbus.bus.callbacks import Callbacks, DroppedSamples, OnToken, direct
 from tfbus.bus.zenoh_library import (
     as_bus_error,
     bus_errors,
@@ -393,7 +393,7 @@ class NetworkSession:
         with self._errors(f"declare {key}"):
             return LivelinessToken(self.zenoh.liveliness().declare_token(key), self._tokens)
 
-    def watch_living(self, key: str, callback: Callable[[str, bool], None]) -> Declaration:
+    def watch_living(self, key: str, callback: OnToken) -> Declaration:
         """Call `callback(key, alive)` for each token within the key expression that is alive, then
         at each change.
         """

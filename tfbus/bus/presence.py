@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from tfbus.base import scheduler
 from tfbus.base.errors import BusError, DecodeError
 from tfbus.base.wording import did_you_mean, natural_order, printable
+from tfbus.bus.callbacks import OnToken
 from tfbus.bus.graph import Graph, graph_of
 from tfbus.bus.links import why_unreachable
 from tfbus.bus.neighbours import scout
@@ -189,7 +190,7 @@ def _unreadable(what: str, error: DecodeError) -> DecodeError:
     return DecodeError(f"the description of {what} is unreadable: {error}")
 
 
-def watch_nodes(session: Session, callback: Callable[[str, bool], None]) -> Declaration:
+def watch_nodes(session: Session, callback: OnToken) -> Declaration:
     """Call `callback(full name, alive)` for each node that is alive, then at each change."""
     namespace = session.settings.namespace
 

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from typing import Any, NamedTuple
 
 import zenoh
@@ -13,6 +14,7 @@ from tfbus.base.executor import Executor
 from tfbus.base.structs import Struct
 from tfbus.base.wording import printable
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import Callbacks
 from tfbus.bus.zenoh_library import bus_errors
 from tfbus.wire.limits import DEFAULT_LIMITS, Limits, kind_of_query
 
@@ -21,6 +23,10 @@ _NO_ANSWER_IN_TIME = b"Timeout"
 
 # A refusal is one sentence: this much of it is read.
 _MOST_OF_A_REFUSAL = 1000
+
+
+# Called at the end of a question, on any thread.
+OnEnd = Callable[[], object]
 
 
 class Answer(NamedTuple):
@@ -36,14 +42,13 @@ class Answer(NamedTuple):
     sender: str = ""
 
 
-def answer_of(reply: zenoh.Reply, mistake_in_size: Callable[[int], str]) -> Answer:
-    """The answer in a reply of Zenoh's.
+def answer_of(reply: zenoh.Reply, key: str, callbacks: Callbacks) -> Answer:
+    """The answer in a reply of Zenoh's to a query at `key`.
 
-    A refusal, of which a terminal can show all, if `mistake_in_size` says why a payload of this
-    size is not read.
+    A refusal, of which a terminal can show all, if the payload is larger than one that is read.
     """
     if reply.ok is not None:
-        if mistake := mistake_in_size(size_of(reply.ok.payload)):
+        if mistake := callbacks.mistake_in_answer(key, size_of(reply.ok.payload)):
             return Answer(
                 str(reply.ok.key_expr), b"", refusal=f"the answer was dropped unread: {mistake}"
             )
@@ -164,7 +169,7 @@ class AskUntil:
         self.is_over = False
 
     @abstractmethod
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         """Ask the question of a turn, the first being 0; `on_end` may be called on any thread."""
 
     @abstractmethod
@@ -202,12 +207,9 @@ class AskUntil:
                 self._pause(turn)
 
         with suppress(BusError):  # the session is closed
-            self.ask(turn, lambda: self._submit(end))
+            self.ask(turn, partial(self._executor.submit, self._what, end))
             if self._pauses.lost_after_s is not None:
                 self._executor.after(self._pauses.lost_after_s, end)
-
-    def _submit(self, job: Callable[[], None]) -> None:
-        self._executor.submit(self._what, job)
 
     def _pause(self, turn: int) -> None:
         self.on_unanswered(turn)
@@ -215,7 +217,7 @@ class AskUntil:
         if pause_s is None:
             self.close()
         else:
-            self._executor.after(pause_s, lambda: self._take_turn(turn + 1))
+            self._executor.after(pause_s, self._take_turn, turn + 1)
 
     def _has_ended(self) -> bool:
         if not self.is_over and self.is_settled():

@@ -4,6 +4,7 @@ If several nodes share a name the first that answers counts, and `warn(text)` is
 """
 
 from collections.abc import Callable, Iterable
+from operator import attrgetter
 
 from tfbus.base.errors import BusError, DecodeError, ParameterError
 from tfbus.bus.presence import (
@@ -33,7 +34,7 @@ def parameters_of(session: Session, node: str) -> list[ParameterDescription]:
     described = _read(node, session.ask(key, timeout_s=PATIENCE_S))
     if not described:  # it has none, or has not said yet what it serves
         described = [each for known in describe_nodes(session, node) for each in known.parameters]
-    return sorted(described, key=lambda parameter: parameter.name)
+    return sorted(described, key=attrgetter("name"))
 
 
 def parameter_of(session: Session, node: str, name: str, warn: Warn) -> ParameterDescription:

@@ -11,6 +11,7 @@ import zenoh
 from zenoh import ext
 
 from tfbus.bus import zenoh_library
+from tfbus.bus.callbacks import OnSample, OnSignedSample
 from tfbus.bus.network_session import UNDECLARED, BytesPublisher, BytesSubscriber, Declaration
 from tfbus.bus.query import Answer
 from tfbus.bus.session import Session
@@ -116,7 +117,7 @@ def declare_retained_publisher(
 def declare_retained_subscriber(
     session: Session,
     key: str,
-    callback: Callable[[str, bytes], None],
+    callback: OnSample,
     *,
     others: bool = False,
     urgent: bool = False,
@@ -136,7 +137,7 @@ def declare_retained_subscriber(
 def declare_signed_subscriber(
     session: Session,
     key: str,
-    callback: Callable[[str, bytes, str], None],
+    callback: OnSignedSample,
     *,
     only_new: bool = False,
 ) -> Declaration:
@@ -148,9 +149,7 @@ def declare_signed_subscriber(
     return Declaration(_subscriber(session, key, handler, only_new=only_new))
 
 
-def _ask_urgently(
-    session: Session, key: str, callback: Callable[[str, bytes], None], *, others: bool
-) -> None:
+def _ask_urgently(session: Session, key: str, callback: OnSample, *, others: bool) -> None:
     """Query retained messages by ourselves, too. Zenoh's query has the priority of topics: if
     transforms fill a link, as before a link of datagrams is open, it comes after all of them.
     """

@@ -18,7 +18,7 @@ from tfbus.base import scheduler
 from tfbus.base.errors import BusError, SettingsError
 from tfbus.base.wording import printable
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.callbacks import Callbacks, OnToken, direct
 from tfbus.bus.network_session import RETRY_S, Declaration, HeardWatch, NetworkSession
 from tfbus.bus.retained import declare_caching_publisher, declare_history_subscriber
 from tfbus.bus.settings import check_endpoint
@@ -242,7 +242,7 @@ class RosSession(NetworkSession):
         """Declare that `key` is alive for as long as this session is."""
         return self._add(_Part(partial(self.token, key)))
 
-    def watch_living_when_open(self, key: str, callback: Callable[[str, bool], None]) -> _Part:
+    def watch_living_when_open(self, key: str, callback: OnToken) -> _Part:
         """Call `callback(key, alive)` for each token within the key expression, also of this
         session, and at each change: if the router is gone, so are they.
         """

@@ -14,7 +14,7 @@ from tfbus.base.callbacks import Workers
 from tfbus.base.errors import BusError, RightsError
 from tfbus.base.structs import replace
 from tfbus.bus import zenoh_library
-from tfbus.bus.callbacks import Callbacks, direct
+from tfbus.bus.callbacks import Callbacks, OnSample, OnToken, direct
 from tfbus.bus.first_link import open_alone
 from tfbus.bus.links import host_of, speaks_tls
 from tfbus.bus.neighbours import Neighbours
@@ -27,7 +27,7 @@ from tfbus.bus.network_session import (
     PublishersWithin,
     ServedWatch,
 )
-from tfbus.bus.query import Answer, Query, answer_of
+from tfbus.bus.query import Answer, OnEnd, Query, answer_of
 from tfbus.bus.scouting import places_at_start
 from tfbus.bus.settings import LAN, NodeSettings, network_of
 from tfbus.bus.zenoh_config import (
@@ -300,7 +300,7 @@ class Session(NetworkSession):
     def subscriber(
         self,
         key: str,
-        callback: Callable[[str, bytes], None],
+        callback: OnSample,
         *,
         others: bool = False,
     ) -> BytesSubscriber:
@@ -340,7 +340,7 @@ class Session(NetworkSession):
                 return
             if not long:
                 callback(query)
-            elif not self._answering.do(lambda: guarded(query)):
+            elif not self._answering.do(guarded, query):
                 with query.answering(what):
                     raise BusError("too many queries at once; retry later")
 
@@ -384,7 +384,7 @@ class Session(NetworkSession):
         key: str,
         payload: bytes | None,
         on_answer: Callable[[Answer], None],
-        on_end: Callable[[], None],
+        on_end: OnEnd,
         *,
         timeout_s: float,
         answers_at: str = "",
@@ -404,11 +404,10 @@ class Session(NetworkSession):
         limits, kind = self.settings.limits, kind_of_query(key)
         if payload is not None and (mistake := limits.mistake_in(kind, len(payload))):
             raise BusError(f"could not query {key}: {mistake}")
-        mistake_in_size = partial(self.callbacks.mistake_in_answer, key)
         is_stray = self.callbacks.strays(within)
 
         def on_reply(reply: zenoh.Reply) -> None:
-            answer = answer_of(reply, mistake_in_size)
+            answer = answer_of(reply, key, self.callbacks)
             if is_stray is None or not answer.key or not is_stray(answer.key):
                 on_answer(answer)
 
@@ -496,7 +495,7 @@ class Session(NetworkSession):
         """Call `callback()` whenever a link to another process opens or closes."""
         return self.watch_processes(lambda process, linked: callback(), history=False)
 
-    def watch_routers(self, callback: Callable[[str, bool], None]) -> Declaration:
+    def watch_routers(self, callback: OnToken) -> Declaration:
         """Call `callback(id, linked)` for each router it has a link to, then whenever one opens
         or closes.
         """

@@ -4,6 +4,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from operator import attrgetter
 from typing import IO, Any
 
 import click
@@ -142,9 +143,7 @@ def _recorded(
 ) -> dict[str, list[ParameterDescription]]:
     """The parameters of a node of a recording, or of all, by its full name."""
     nodes = nodes_at(bag)[0].values() if node is None else [node_at(bag, settings, node)[0]]
-    return {
-        each.name: sorted(each.parameters, key=lambda parameter: parameter.name) for each in nodes
-    }
+    return {each.name: sorted(each.parameters, key=attrgetter("name")) for each in nodes}
 
 
 class _SetCommand(click.Command):

@@ -297,7 +297,7 @@ class LiveBridge(Requests):
             self._executor.submit("robot", self._send_robot, limit=1)
         else:
             self._executor.submit(
-                f"channel {channel_id}", lambda: self._topics.subscribed(channel_id), limit=1
+                f"channel {channel_id}", self._topics.subscribed, channel_id, limit=1
             )
 
     def unsubscribed(self, channel_id: int) -> None:
@@ -320,7 +320,7 @@ class LiveBridge(Requests):
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
-        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
+        self._executor.submit("parameters", self._parameters.publish, names, limit=100)
 
     def _set_parameter(self, node: str, name: str, value: object) -> ParameterDescription:
         if self._read_only:

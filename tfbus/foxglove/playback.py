@@ -184,7 +184,7 @@ class PlaybackBridge(Requests):
         return self._parameters.set(given)
 
     def parameters_subscribed(self, names: Sequence[str]) -> None:
-        self._executor.submit("parameters", lambda: self._parameters.publish(names), limit=100)
+        self._executor.submit("parameters", self._parameters.publish, names, limit=100)
 
     def control(self, request: PlaybackControl) -> PlaybackState | None:
         """The answer to a seek follows once the recording is there, before its messages."""

@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
-from tfbus.base.callbacks import Workers
+from tfbus.base.callbacks import Given, Workers
 from tfbus.base.errors import TfbusError
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
@@ -179,10 +179,10 @@ class Server:
             dataEndTime=None if end_ns is None else stamp_of(end_ns),
         )
 
-    def guarded(self, what: Callable[[], None]) -> None:
+    def guarded(self, what: Callable[[*Given], None], *given: *Given) -> None:
         """Follow a client's request; an exception, which is a defect, is logged, the first."""
         try:
-            what()
+            what(*given)
         except Exception:
             self._once.exception("request", "Could not answer a client of Foxglove's")
 
@@ -301,7 +301,7 @@ class Server:
                 client.tell(parameter_values(done, request_id))
             self.publish_parameters(done)
 
-        if not self._jobs.do(lambda: self.guarded(set_them)):
+        if not self._jobs.do(self.guarded, set_them):
             client.say("too many requests at once; retry later")
 
     def publish_graph(self, graph: Connections) -> None:
@@ -360,7 +360,7 @@ class Server:
             service = self._services.get(service_id)
         if service is None:
             fail("there is no such service any more")
-        elif not self._calls.do(lambda: self.guarded(lambda: run(service))):
+        elif not self._calls.do(self.guarded, run, service):
             fail(f"busy: {_CALLS_AT_A_TIME} calls are running")
 
     def fetch(self, client: ServedClient, request_id: int, uri: str) -> None:
@@ -375,7 +375,7 @@ class Server:
                 client.tell(no_file(request_id, f"it failed ({type(error).__name__}: {error})"))
                 raise
 
-        if not self._jobs.do(lambda: self.guarded(read)):
+        if not self._jobs.do(self.guarded, read):
             client.tell(no_file(request_id, "too many requests at once; retry later"))
 
 

@@ -217,7 +217,7 @@ class _LiveTopic:
         else:
             # To read a large URDF takes longer than Zenoh's thread should.
             self._node.executor.submit(
-                f"topic {self._name}", lambda: self._send(payload), limit=_MOST_WAITING
+                f"topic {self._name}", self._send, payload, limit=_MOST_WAITING
             )
 
     def _send(self, payload: bytes) -> None:

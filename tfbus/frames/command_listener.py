@@ -48,6 +48,17 @@ _NO_FRAMES = Buffer()
 _ODD_BEHIND_S = 2.0
 
 
+@dataclass
+class _Asked:
+    """The answers of other processes, and when they were asked."""
+
+    answers: Described = field(default_factory=Described)
+    hint: str = ""
+    graph: GraphWatch | None = None
+    hint_pace: Pace = field(default_factory=lambda: Pace(_ASK_EVERY_S))
+    streams_pace: Pace = field(default_factory=lambda: Pace(_ASK_STREAMS_EVERY_S))
+
+
 @dataclass(frozen=True)
 class Listening:
     """A command's own node, its buffer and listener: of a whole fleet, or of its namespace."""
@@ -57,7 +68,7 @@ class Listening:
     listener: TransformListener
     fleet: Fleet | None
 
-    _asked: "_Asked" = field(default_factory=lambda: _Asked())
+    _asked: _Asked = field(default_factory=_Asked)
 
     @property
     def dropped(self) -> int:
@@ -180,17 +191,6 @@ def ask_others(session: Session) -> Described:
     """All streams, and the nodes of other processes."""
     found = ask_graph(session, timeout_s=_ANSWER_WITHIN_S)
     return replace(found, nodes=tuple(each for each in found.nodes if each.session != session.id))
-
-
-@dataclass
-class _Asked:
-    """The answers of other processes, and when they were asked."""
-
-    answers: Described = field(default_factory=Described)
-    hint: str = ""
-    graph: GraphWatch | None = None
-    hint_pace: Pace = field(default_factory=lambda: Pace(_ASK_EVERY_S))
-    streams_pace: Pace = field(default_factory=lambda: Pace(_ASK_STREAMS_EVERY_S))
 
 
 def _is_odd(age_s: float | None) -> bool:

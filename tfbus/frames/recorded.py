@@ -72,7 +72,7 @@ class RecordedFrames:
     `seek` goes to a moment, `advance` on to a later one; before the first there is nothing.
     `sim_time` is whether ages are by the simulated time that was recorded; None: if all
     publishers followed it. With `statics` "always" static transforms are there before they came.
-    `view` is in the place of a namespace and fleet, and `new_buffer` makes the buffer.
+    `view` is in the place of a namespace and fleet; `buffer` in that of a new one for each `seek`.
     """
 
     def __init__(
@@ -86,7 +86,7 @@ class RecordedFrames:
         statics: "Statics" = "then",
         sampling: Sampling = TF2,
         view: Viewpoint | None = None,
-        new_buffer: Callable[[], Buffer] | None = None,
+        buffer: Buffer | None = None,
     ) -> None:
         self.dropped = 0
         self._source = source
@@ -95,7 +95,8 @@ class RecordedFrames:
         self.pauses = source.pauses
         self._view = view or Viewpoint(namespace or _only_namespace(source, fleet), fleet)
         self._cache_time_s = cache_time_s
-        self._new_buffer = new_buffer or (lambda: Buffer(cache_time_s, sampling=sampling))
+        self._sampling: Sampling = sampling
+        self._given_buffer = buffer
         self._described = {each.name for each in self._events if each.kind == "stream"}
         nodes = map(_node_of, self._events)
         follows = follows_clock(filter(None, nodes)) if sim_time is None else sim_time
@@ -121,7 +122,8 @@ class RecordedFrames:
         return Selection(topics=topics, streams=tuple(sorted(names)) or ("",))
 
     def _start(self) -> None:
-        self.buffer = self._new_buffer()
+        given = self._given_buffer
+        self.buffer = given or Buffer(self._cache_time_s, sampling=self._sampling)
         self.buffer.clock = self._clock = RecordedClock(follows=self._follows_clock)
         self._streams: dict[str, _HeardStream] = {}
         self._conflicts = Conflicts("latest", self.buffer, self._described_reception, _SILENT)

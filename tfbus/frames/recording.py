@@ -511,9 +511,7 @@ class Recording(AbstractContextManager["Recording"]):
         check_span(from_ns, to_ns)
         buffer = Buffer(**{"cache_time_s": math.inf, **arguments})
         clock = buffer.clock
-        frames = RecordedFrames(
-            self._reader, view=self._view, sim_time=False, new_buffer=lambda: buffer
-        )
+        frames = RecordedFrames(self._reader, view=self._view, sim_time=False, buffer=buffer)
         with self._lock:
             frames.hear(from_ns, to_ns, selection)
         buffer.expect_no_more()

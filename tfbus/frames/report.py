@@ -153,7 +153,7 @@ def _held_back_by(heard: BusView, chain: list[str]) -> str | None:
         for info in infos.values()
         if info.parent in infos and not info.static and info.newest_ns is not None
     }
-    return min(newest, key=lambda name: newest[name], default=None)
+    return min(newest, key=newest.__getitem__, default=None)
 
 
 class MeasuredSpan(Protocol):

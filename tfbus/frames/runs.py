@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise, repeat
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.recorded import RecordedFrames
@@ -70,7 +70,7 @@ def runs_of(reader: RecordingReader, view: Viewpoint) -> list[Run]:
     frames that were removed. Of any other stream all messages count together.
     """
     dropping = _Dropping()
-    frames = RecordedFrames(reader, view=view, new_buffer=lambda: dropping, sim_time=False)
+    frames = RecordedFrames(reader, view=view, buffer=dropping, sim_time=False)
     epochs: dict[str, set[int]] = defaultdict(set)
     for each in reader.streams:
         epochs[each.stream.name].add(each.stream.epoch_ns)
@@ -90,7 +90,7 @@ def runs_of(reader: RecordingReader, view: Viewpoint) -> list[Run]:
             present[name] = Run((name, epoch_ns), FIRST_NS if run is None else item.log_ns)
     runs += present.values()
     parts = [part for run in runs for part in _parts(run, removed.get(run.key[0], []))]
-    return sorted([*runs, *parts], key=lambda run: run.from_ns)
+    return sorted([*runs, *parts], key=attrgetter("from_ns"))
 
 
 def _parts(run: Run, removed: list[tuple[int, str]]) -> Iterator[Run]:

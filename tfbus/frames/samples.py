@@ -3,7 +3,7 @@
 import math
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -130,7 +130,7 @@ class RecordedSamples:
 
     def end(self) -> Buffer:
         """The last samples of all frames, of the last runs."""
-        return self._span(LAST_NS, LAST_NS, self._last_runs(), None).buffer
+        return self._span(LAST_NS, LAST_NS, self._runs_at(None), None).buffer
 
     def span(
         self,
@@ -146,7 +146,7 @@ class RecordedSamples:
         It ends before a run begins or ends, and before static transforms change.
         """
         last_ns = self.end_of(first_ns, last_ns)
-        runs = self._last_runs() if of_last_runs else self._runs_at(first_ns)
+        runs = self._runs_at(None if of_last_runs else first_ns)
         return self._span(first_ns, last_ns, runs, children)
 
     def start_of(self, stamp_ns: int, least_ns: int) -> int:
@@ -464,21 +464,17 @@ class RecordedSamples:
             if not each.child and stretch.is_any:
                 self._stretches.setdefault(each.key[0], []).append(stretch)
 
-    def _chosen(self, choose: Callable[[list[_Stretch]], _Stretch]) -> set[int]:
-        """The run of each stream, and the part of each removed frame of it, that are chosen."""
-        runs = {choose(each).run for each in self._stretches.values()}
+    def _runs_at(self, stamp_ns: int | None) -> set[int]:
+        """The run of each stream, and the part of each removed frame of it, that count at a stamp;
+        None for the last ones.
+        """
+        runs = {_at(each, stamp_ns).run for each in self._stretches.values()}
         parts = [
-            choose(of_part).run
+            _at(of_part, stamp_ns).run
             for (run, _), of_part in self._part_stretches.items()
             if run in runs and of_part
         ]
         return runs.union(parts)
-
-    def _runs_at(self, stamp_ns: int) -> set[int]:
-        return self._chosen(lambda stretches: _at(stretches, stamp_ns))
-
-    def _last_runs(self) -> set[int]:
-        return self._chosen(lambda stretches: stretches[-1])
 
     def _break_stamps(self) -> set[int]:
         """The stamps at which a span must begin: of the begin of a run, behind its end, and behind
@@ -515,8 +511,10 @@ def poses_of(rows: Columns) -> NDArray[np.float64]:
     return np.frombuffer(rows.poses, np.float64, 7 * rows.count, rows.poses_at).reshape(-1, 7)
 
 
-def _at(stretches: list[_Stretch], stamp_ns: int) -> _Stretch:
-    """The stretch that counts at a stamp."""
+def _at(stretches: list[_Stretch], stamp_ns: int | None) -> _Stretch:
+    """The stretch that counts at a stamp; None for the last one."""
+    if stamp_ns is None:
+        return stretches[-1]
     begun = [each for each in stretches if each.first_ns <= stamp_ns]
     lasting = [each for each in begun if each.last_ns >= stamp_ns]
     return (lasting or begun or stretches[:1])[-1]

@@ -14,6 +14,7 @@ from pathlib import Path
 from shutil import which
 from typing import TypeVar
 
+from tfbus.base.callbacks import Given
 from tfbus.base.wording import did_you_mean
 from tfbus.bus.settings import NodeSettings
 from tfbus.launch.console import Console
@@ -202,9 +203,9 @@ class Child:
             on_change()
 
         name, output, errors = self.program.name, self._process.stdout, self._process.stderr
-        _in_thread(loop, lambda: console.relay(name, output, console.output), pipe_ended)
-        _in_thread(loop, lambda: console.relay(name, errors, console.errors), pipe_ended)
-        _in_thread(loop, self._process.wait, process_ended)
+        _in_thread(loop, pipe_ended, console.relay, name, output, console.output)
+        _in_thread(loop, pipe_ended, console.relay, name, errors, console.errors)
+        _in_thread(loop, process_ended, self._process.wait)
 
     @property
     def group_lives(self) -> bool:
@@ -248,12 +249,15 @@ def _blocked(number: signal.Signals) -> Iterator[None]:
 
 
 def _in_thread(
-    loop: asyncio.AbstractEventLoop, work: Callable[[], T], then: Callable[[T], None]
+    loop: asyncio.AbstractEventLoop,
+    then: Callable[[T], None],
+    work: Callable[[*Given], T],
+    *given: *Given,
 ) -> None:
-    """Work in a thread, then call `then(result)` in the loop."""
+    """Call `work(*given)` in a thread, then `then(result)` in the loop."""
 
     def run() -> None:
-        result = work()
+        result = work(*given)
         # The loop is closed if launch gave up on this process.
         with suppress(RuntimeError):
             loop.call_soon_threadsafe(then, result)

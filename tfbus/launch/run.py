@@ -6,7 +6,7 @@ import math
 import os
 import signal
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
@@ -54,7 +54,7 @@ async def _run(
     loop = asyncio.get_running_loop()
     console = Console(OutputStream(1), OutputStream(2))
     supervisor = Supervisor(programs, console, presence=presence, guard=guard, timeouts=timeouts)
-    orphans = Orphans(lambda: supervisor.pids | {guard.pid})
+    orphans = Orphans(supervisor, guard)
 
     def stop_unread() -> None:
         loop.call_soon_threadsafe(supervisor.stop, "the reader of the output is gone")
@@ -138,13 +138,13 @@ def adopting_orphans() -> Iterator[None]:
 
 
 class Orphans:
-    """The adopted children of this process.
-
-    `started` returns the pids of the children that it started itself; they are left alone.
+    """The adopted children of this process; its own, of the supervisor and the guard, are left
+    alone.
     """
 
-    def __init__(self, started: Callable[[], Collection[int]]) -> None:
-        self._started = started
+    def __init__(self, supervisor: Supervisor, guard: GuardProcess) -> None:
+        self._supervisor = supervisor
+        self._guard = guard
 
     def reap(self) -> None:
         """Reap the adopted children that ended, which would stay zombies otherwise."""
@@ -175,7 +175,7 @@ class Orphans:
         for task in Path("/proc/self/task").glob("*/children"):
             with suppress(OSError):  # the thread has just ended
                 children.update(int(pid) for pid in task.read_text().split())
-        return children - set(self._started())
+        return children - self._supervisor.pids - {self._guard.pid}
 
 
 def _send(pid: int, number: signal.Signals) -> None:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
+from tfbus.base.callbacks import Given
 from tfbus.base.errors import TfbusError
 from tfbus.base.wording import counted, listed
 from tfbus.launch.child import Child, Escalation, LaunchProgram, Timeouts
@@ -262,16 +263,16 @@ class Supervisor:
         presence, loop = self._presence, asyncio.get_running_loop()
         assert presence or not names, "a presence is needed where programs wait for nodes"
 
-        def notify(callback: Callable[[str], None], text: str) -> None:
+        def notify(callback: Callable[[*Given], None], *given: *Given) -> None:
             with suppress(RuntimeError):  # the loop is closed
-                loop.call_soon_threadsafe(callback, text)
+                loop.call_soon_threadsafe(callback, *given)
 
         def wait_for(name: str) -> None:
             try:
                 if presence and presence.wait(name):
                     notify(self._arrive, name)
             except TfbusError as error:
-                notify(lambda reason: self._fail("launch", reason), str(error))
+                notify(self._fail, "launch", str(error))
 
         for name in names:
             threading.Thread(target=wait_for, args=(name,), daemon=True).start()

@@ -65,19 +65,16 @@ class CancelGoal:
 class GoalHandle:
     """The server's end of a goal: call `succeed`, `cancel` or `abort` once, from any callback."""
 
-    def __init__(
-        self, name: str, request: Any, query: Query, on_end: Callable[["GoalHandle"], None]
-    ):
+    def __init__(self, server: "GoalServer", request: Any, query: Query):
         self.id = os.urandom(16).hex()
         self.request = request
         self.active = True
-        self._name = name
+        self._server = server
         self._query = query
         self._on_cancel: Callable[[], object] = lambda: False
         self._is_accepted = False
         # Guards the query: one thread may answer while another one ends it.
         self._lock = scheduler.RLock()
-        self._on_end = on_end
 
     def on_cancel(self, callback: Callable[[], object]) -> None:
         """Call `callback()` when the client cancels; then stop, and end the goal by `cancel`. If
@@ -136,7 +133,7 @@ class GoalHandle:
 
     def _leave(self) -> None:
         self.active = False
-        self._on_end(self)
+        self._server._forget(self)
         self._query.close()
 
     def _answer(self, answer: dict[str, Any]) -> None:
@@ -145,7 +142,7 @@ class GoalHandle:
             # If the client is gone or has given up, the goal itself continues.
             if self.active:
                 with suppress(BusError):
-                    self._query.answer(self._name, encode_map(answer))
+                    self._query.answer(self._server.name, encode_map(answer))
 
 
 class GoalServer(NodeEndpoint):
@@ -201,7 +198,7 @@ class GoalServer(NodeEndpoint):
             query.refuse(str(error))
             query.close()
             return None
-        handle = GoalHandle(self.name, request, query, self._forget)
+        handle = GoalHandle(self, request, query)
         self._active[handle.id] = handle
         if not self._decides:
             handle.accept()

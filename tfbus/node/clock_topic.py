@@ -82,7 +82,7 @@ class ClockPublisher(NodeEndpoint):
         namespace = key.partition("@tfbus/")[0]
         if namespace and not self.name.startswith("/"):  # one topic outside of all of them
             change = self._note_node if alive else self._forget_node
-            self._executor.submit("the clock's namespaces", lambda: change(namespace, key))
+            self._executor.submit("the clock's namespaces", change, namespace, key)
 
     def _note_node(self, namespace: str, key: str) -> None:
         below = self._below.pop(namespace, None)

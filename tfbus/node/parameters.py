@@ -10,6 +10,7 @@ import logging
 import math
 import reprlib
 from collections.abc import Callable, Iterator, Mapping
+from operator import attrgetter
 from typing import Any
 
 from tfbus.base.errors import BusError, ParameterError
@@ -144,7 +145,7 @@ class Parameters:
             session.queryable(node_settings_key(node), self._on_query)
 
     def __iter__(self) -> Iterator[Parameter]:
-        return iter(sorted(self._parameters.values(), key=lambda parameter: parameter.name))
+        return iter(sorted(self._parameters.values(), key=attrgetter("name")))
 
     def declare(self, parameter: Parameter, lane: Lane) -> Parameter:
         """Add a parameter, with the value given at the node's start if there is one. It is served

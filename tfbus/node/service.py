@@ -26,7 +26,7 @@ PENDING_REQUESTS = 100
 
 def submit_or_refuse(lane: Lane, what: str, serve: Callable[[Query], Any], query: Query) -> None:
     """Serve the query in its lane, or refuse it if 100 of its kind wait already."""
-    if not lane.submit(what, lambda: serve(query), limit=PENDING_REQUESTS):
+    if not lane.submit(what, serve, query, limit=PENDING_REQUESTS):
         query.refuse(f"busy: {PENDING_REQUESTS} requests are already waiting")
         query.close()
 

@@ -160,7 +160,7 @@ def watch_endpoints(session: Session, executor: Executor, log: logging.Logger) -
     def ask() -> None:
         whys = {endpoint: why_unreachable(endpoint) for endpoint in endpoints}
         if silent := [f"{endpoint} ({why})" for endpoint, why in whys.items() if why]:
-            executor.submit("endpoints", lambda: warn(silent))
+            executor.submit("endpoints", warn, silent)
         elif session.settings.mode == "router":
             executor.submit("endpoints", warn_of_no_link)
 

@@ -11,6 +11,7 @@ from tfbus.base.clock import LoopBell
 from tfbus.base.errors import DecodeError
 from tfbus.base.log import LogOnce
 from tfbus.base.signals import StopSignals, Wakeup
+from tfbus.bus.callbacks import OnSample
 from tfbus.bus.network_session import BytesPublisher, BytesSubscriber
 from tfbus.bus.session import Session
 from tfbus.node.endpoint import Lane, NodeEndpoint
@@ -299,7 +300,7 @@ def _subscriber(
     session: Session,
     topic: str,
     retained: bool,
-    callback: Callable[[str, bytes], None],
+    callback: OnSample,
     *,
     others: bool = False,
 ) -> BytesSubscriber:

@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from heapq import merge
 from itertools import chain
+from operator import attrgetter
 
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.base.wording import stamp_text
@@ -181,7 +182,7 @@ def _epochs(reader: RecordingReader) -> dict[str, set[int]]:
 def _in_order(spans: Sequence[Span]) -> list[Span]:
     """The spans by their beginning; spans that overlap or touch are joined."""
     found: list[Span] = []
-    for span in sorted(spans, key=lambda each: each.from_ns):
+    for span in sorted(spans, key=attrgetter("from_ns")):
         if found and span.from_ns <= found[-1].to_ns + 1:
             found[-1] = Span(found[-1].from_ns, max(found[-1].to_ns, span.to_ns))
         else:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from heapq import merge
+from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -210,7 +211,7 @@ class BareMcap:
                 f"{self.name} is a recording of tfbus and needs no import: cut, merge and filter "
                 "take it as it is"
             )
-        self._chunks = sorted(self._file.chunks, key=lambda chunk: chunk.from_ns)
+        self._chunks = sorted(self._file.chunks, key=attrgetter("from_ns"))
         self.start_ns = min((chunk.from_ns for chunk in self._chunks), default=0)
         self.end_ns = max((chunk.to_ns for chunk in self._chunks), default=0)
         self._channels: dict[int, ForeignChannel] = {}
@@ -227,7 +228,7 @@ class BareMcap:
 
     def messages(self) -> Iterator[ForeignMessage]:
         """All readable messages in order of log time, whatever the order of the file."""
-        for message in in_order(self._groups(), lambda message: message.log_ns):
+        for message in in_order(self._groups(), attrgetter("log_ns")):
             yield self._message(message)
 
     def _groups(self) -> Iterator[tuple[int, list[Message], int]]:
@@ -283,7 +284,7 @@ class ForeignFiles:
 
     def messages(self) -> Iterator[ForeignMessage]:
         """The messages of all, in order of log time."""
-        return merge(*(file.messages() for file in self.files), key=lambda message: message.log_ns)
+        return merge(*(file.messages() for file in self.files), key=attrgetter("log_ns"))
 
 
 @contextmanager

@@ -7,6 +7,7 @@ import zlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 
 from tfbus.base.errors import DecodeError, InvalidArgumentException
@@ -318,7 +319,7 @@ class McapFile:
         )
         if not is_whole:
             raise DecodeError("its summary leaves out a part")
-        self.chunks.sort(key=lambda chunk: chunk.offset)
+        self.chunks.sort(key=attrgetter("offset"))
 
     def _take_attachment_index(self, fields: Fields) -> None:
         offset, length = fields.number(8), fields.number(8)

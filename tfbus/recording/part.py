@@ -1,6 +1,5 @@
 """A file of a recording: its streams, topics and events, and its chunks as items."""
 
-import os
 from bisect import bisect_right
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -83,18 +82,11 @@ class TopicChannel:
 
 
 class Part:
-    """A file, which `read` opens as a McapFile. Raises OSError, and DecodeError unless it is a
-    recording.
-    """
+    """A file of a recording. Raises OSError, and DecodeError unless it is one."""
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        number: int = 0,
-        read: Callable[[str | os.PathLike[str]], McapFile] = McapFile,
-    ) -> None:
-        self.file = read(path)
-        self.path = self.file.path
+    def __init__(self, file: McapFile, number: int = 0) -> None:
+        self.file = file
+        self.path = file.path
         self.number = number
         self.size = self.file.size
         self.is_complete = self.file.is_complete

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import accumulate
+from operator import attrgetter
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,7 +30,7 @@ from tfbus.recording.items import (
     pauses_between,
     pauses_of,
 )
-from tfbus.recording.mcap_file import how_to_import
+from tfbus.recording.mcap_file import McapFile, how_to_import
 from tfbus.recording.part import Part, StoredChunk, UnreadItem, read_items
 from tfbus.recording.records import Damage, united
 from tfbus.recording.state import BusState
@@ -160,7 +161,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         self._on_damage = on_damage or self._log_damage
         try:
             for place in files_of(paths):
-                self._parts.append(Part(place, len(self._parts)))
+                self._parts.append(Part(McapFile(place), len(self._parts)))
         except OSError as error:
             self.close()
             raise _file_error(error, paths[0]) from error
@@ -355,7 +356,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         self, until_ns: int, selection: Selection
     ) -> Iterator[tuple[int, list[Item | UnreadItem], int]]:
         tf = TFMessageReader()
-        for chunk in sorted(self._chunks, key=lambda each: each.to_ns, reverse=True):
+        for chunk in sorted(self._chunks, key=attrgetter("to_ns"), reverse=True):
             if chunk.from_ns <= until_ns and chunk.is_taken(selection):
                 items, size = chunk.items(selection, tf)
                 items = [item for item in reversed(items) if item.log_ns <= until_ns]
@@ -420,7 +421,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                 spans.append((min(times), max(times), part.about.get(RECORDING, "")))
             found += of_part
         found += pauses_between(spans)
-        found.sort(key=lambda event: event.log_ns)
+        found.sort(key=attrgetter("log_ns"))
         state = BusState()
         events = []
         filled = [event for event in found if event.kind == "filled"]
@@ -481,7 +482,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
             if not (chunk.static_streams & missing) and chunk.to_ns < oldest:
                 continue
             sets = [item for item, _ in chunk.statics() if item.log_ns <= log_ns]
-            sets.sort(key=lambda item: item.log_ns)
+            sets.sort(key=attrgetter("log_ns"))
             last = {item.stream.name: item for item in sets}
             for name in last.keys() & names:
                 if name not in found or found[name].log_ns < last[name].log_ns:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from heapq import merge
+from operator import attrgetter
 
 from tfbus.base.errors import DecodeError
 from tfbus.base.wording import counted, listed
@@ -99,7 +100,7 @@ class Salvage:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self._file = file = _DamagedFile(path)
-        self._part = Part(path, read=lambda _: file)
+        self._part = Part(file)
         if not file.chunks and not self._part.events:
             self.close()
             raise DecodeError(f"{self._part.name} holds no recording that could be read")
@@ -135,7 +136,7 @@ class Salvage:
 
     def items(self) -> Iterator[Item]:
         """The items in order of log time."""
-        chunks = sorted(self._part.chunks, key=lambda chunk: chunk.from_ns)
+        chunks = sorted(self._part.chunks, key=attrgetter("from_ns"))
         state = BusState()
         for item in merge(
             sorted(self._part.events, key=_log_ns),

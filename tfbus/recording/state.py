@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from typing import Literal, Protocol
 
 from tfbus.base.bounded import Bounded
@@ -259,7 +260,7 @@ class LastingStatics:
         found = {item.stream.name: self.widened(item) for item in sets}
         for name, firsts in self._of_stream.items():
             if name not in found and all(item.log_ns > log_ns for item, _ in firsts):
-                earliest = min((item for item, _ in firsts), key=lambda item: item.log_ns)
+                earliest = min((item for item, _ in firsts), key=attrgetter("log_ns"))
                 found[name] = self.widened(replace(earliest, log_ns=log_ns, rows=_NONE, seq=None))
         return list(found.values())
 

@@ -6,6 +6,7 @@ answer came. The offset is known to half of the round trip, however it divides i
 
 import logging
 from contextlib import suppress
+from operator import attrgetter
 from typing import NamedTuple
 
 from tfbus.base import scheduler
@@ -168,7 +169,7 @@ class ClockOffsets:
         with self._changed:
             while not self._closed:
                 now_s = scheduler.monotonic()
-                waits = sorted(self._publishers.values(), key=lambda each: each.due_s)[:_AT_A_TIME]
+                waits = sorted(self._publishers.values(), key=attrgetter("due_s"))[:_AT_A_TIME]
                 due = [each for each in waits if each.due_s <= now_s]
                 if due:
                     return due

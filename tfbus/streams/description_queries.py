@@ -12,7 +12,7 @@ from tfbus.base import scheduler
 from tfbus.base.errors import BusError
 from tfbus.base.executor import Executor
 from tfbus.base.structs import replace
-from tfbus.bus.query import Answer, AskUntil, Pauses
+from tfbus.bus.query import Answer, AskUntil, OnEnd, Pauses
 from tfbus.bus.session import Session
 from tfbus.streams.owners import MOST_ANSWERS, Owners
 from tfbus.streams.queries import (
@@ -130,8 +130,8 @@ _WHAT = "a stream"
 class DescriptionQueries:
     """Asks for the description of each stream it is given, until one comes, readable or not.
 
-    `all_keys` are the keys of all streams that are watched, and `is_most(count)` is whether most of
-    them are that many streams. All of it runs on the executor's thread.
+    `all_keys` are the keys of all streams that are watched; `living` are the tokens that are there,
+    None if all of them are wanted. All of it runs on the executor's thread.
     """
 
     def __init__(
@@ -142,14 +142,14 @@ class DescriptionQueries:
         owners: Owners,
         *,
         all_keys: str,
-        is_most: Callable[[int], bool],
+        living: Set[str] | None,
     ) -> None:
         self._session = session
         self._executor = executor
         self._states = states
         self._owners = owners
         self._all_keys = all_keys
-        self._is_most = is_most
+        self._living = living
         # The questions about the token that is there now, by its key.
         self._asking: dict[str, AskUntil] = {}
         # Tokens whose description is to be asked for, the oldest first.
@@ -195,7 +195,7 @@ class DescriptionQueries:
             return
         waiting = {key: states.of(key).description for key in self._gathered}
         self._gathered.clear()
-        if not self._is_most(len(waiting)):
+        if self._living is not None and 2 * len(waiting) < len(self._living):
             # Most of the answers would be about others.
             for key in waiting:
                 self.ask(key)
@@ -227,7 +227,7 @@ class DescriptionQueries:
 
         with suppress(BusError):  # the session is closed
             question = descriptions_question(self._all_keys)
-            question.ask(self._session, on_answer, partial(self._do, end))
+            question.ask(self._session, on_answer, partial(self._executor.submit, _WHAT, end))
             self._executor.after(_TAKEN_AFTER_S, take)
 
     def _take_best(self, key: str, answers: list[Answer]) -> None:
@@ -257,9 +257,6 @@ class DescriptionQueries:
             del self._to_ask[key]
             self.ask(key)
 
-    def _do(self, job: Callable[[], None]) -> None:
-        self._executor.submit(_WHAT, job)
-
 
 class _AskForDescription(AskUntil):
     """Asks for the description of the stream of a token; with an epoch, for that one's."""
@@ -275,7 +272,7 @@ class _AskForDescription(AskUntil):
         # end counts as another.
         self._asked = self._ended = self._next_to_count = 0
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         queries = self._queries
         self._asked = turn
         if turn >= _TURNS and queries._to_ask and self._epoch_ns is None:
@@ -287,11 +284,11 @@ class _AskForDescription(AskUntil):
         def end() -> None:
             on_end()
             # After the answers of this question have been looked at.
-            queries._do(partial(self._count_end, turn))
+            queries._executor.submit(_WHAT, self._count_end, turn)
 
         description_question(self._key, turn).ask(queries._session, self._receive, end)
         if turn >= PATIENT_FROM_TURN:
-            queries._executor.after(ANSWER_WITHIN_S, partial(self._count_end, turn))
+            queries._executor.after(ANSWER_WITHIN_S, self._count_end, turn)
 
     def _count_end(self, turn: int) -> None:
         if not self.is_over and turn >= self._next_to_count:
@@ -412,13 +409,13 @@ class _AskWhoLists(AskUntil):
         self._keys = keys
         self._frames = frames
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         question = listing_question(self._keys, self._frames)
         question.ask(self._wanted._session, self._receive, on_end)
 
     def _receive(self, answer: Answer) -> None:
         if answer.refusal is None:
-            self._wanted._executor.submit(_WHICH, partial(self._wanted._on_answer, answer))
+            self._wanted._executor.submit(_WHICH, self._wanted._on_answer, answer)
 
     def is_settled(self) -> bool:
         return self._keys in self._wanted._found

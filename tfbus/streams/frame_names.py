@@ -4,7 +4,6 @@ Zenoh's access control lets a stream come only from an identity that may have a 
 Which frames are in a message, and which node a description names, only the receiver sees.
 """
 
-from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from tfbus.base.bounded import Bounded
@@ -14,6 +13,7 @@ from tfbus.bus.patterns import matches
 from tfbus.bus.settings import NodeSettings
 from tfbus.streams.info import StreamState
 from tfbus.streams.stages import FrameRights
+from tfbus.streams.stream_facts import StreamFacts
 from tfbus.wire.descriptions import StreamDescription
 from tfbus.wire.fleet import Fleet, FrameNames
 from tfbus.wire.keys import last_name, namespace_of
@@ -85,15 +85,13 @@ class StreamRights:
         closed = settings.closed
         return None if closed is None else cls(closed.rights, settings.namespace)
 
-    def frames(
-        self, key: str, refuse: Callable[[str], object], *, is_fleet: bool
-    ) -> FrameRights | None:
+    def frames(self, key: str, facts: StreamFacts, *, is_fleet: bool) -> FrameRights | None:
         """The frames that may come on the stream of a key; None if all may."""
         patterns = self._rights.frames_of_stream(self._stream(key), self._namespace_at(key))
         if patterns is None:
             return None
         prefix = f"{namespace_of(key)}/" if is_fleet and namespace_of(key) else ""
-        return FrameRights(patterns, prefix, refuse)
+        return FrameRights(patterns, prefix, facts)
 
     def checked(
         self, key: str, description: StreamDescription

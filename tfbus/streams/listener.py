@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable, Set
+from collections.abc import Set
 from typing import Any, Literal, SupportsFloat, get_args
 
 from tfbus.base import scheduler
@@ -14,6 +14,7 @@ from tfbus.base.log import LogOnce
 from tfbus.base.structs import replace
 from tfbus.base.wording import is_printable, quoted
 from tfbus.buffer.buffer import Buffer
+from tfbus.bus.callbacks import OnSample
 from tfbus.bus.network_session import Declaration
 from tfbus.bus.retained import declare_retained_subscriber
 from tfbus.geometry.transform import check_frame_id
@@ -21,9 +22,10 @@ from tfbus.node.node import Node
 from tfbus.streams.clock_offset import ClockOffsets
 from tfbus.streams.conflicts import Claimant, Conflicts, Rule
 from tfbus.streams.frame_names import StreamNames, StreamRights
+from tfbus.streams.history import AskedHistory
 from tfbus.streams.info import StreamInfo, StreamState, described_stream
 from tfbus.streams.interest import Everything, Interest, Reading
-from tfbus.streams.queries import AskedHistory, StaticRecovery
+from tfbus.streams.queries import StaticRecovery
 from tfbus.streams.reception import (
     DynamicReception,
     StaticReception,
@@ -134,7 +136,7 @@ class TransformListener:
         self._executor = Executor(f"{node.full_name} streams", node.log)
         self._history = AskedHistory(node.session, buffer, self._executor, history_s)
         self._recovery = StaticRecovery(node.session, node.log, self._executor)
-        self._unlisted = UnlistedFrames(self._executor, self._drop_unlisted)
+        self._unlisted = UnlistedFrames(self._registry, self._executor)
         # Streams with messages that wait for the names of their frames.
         self._unnamed: set[str] = set()
         self._foreign = 0
@@ -343,7 +345,7 @@ class TransformListener:
             repr(name) if state is None else _name(state),
         )
         if state is not None:
-            self._executor.submit("streams", lambda: self._forget_stream(state))
+            self._executor.submit("streams", self._forget_stream, state)
 
     def _forget_stream(self, state: StreamState) -> None:
         self._leave_stream(state)
@@ -374,15 +376,8 @@ class TransformListener:
             around=self._around,
         )
         if self._rights is not None:
-            reception.rights = self._rights.frames(
-                key, reception.refuse_frame, is_fleet=self._is_fleet
-            )
+            reception.rights = self._rights.frames(key, reception.facts, is_fleet=self._is_fleet)
         return reception
-
-    def _drop_unlisted(self, name: str, silent: frozenset[str]) -> None:
-        reception = self._registry.reception(name)
-        if reception is not None:
-            reception.drop_unlisted(silent)
 
     def _ask_for_description(self, name: str, epoch_ns: int) -> None:
         """Another process publishes the stream now: the last description is not its own."""
@@ -413,7 +408,7 @@ class TransformListener:
     # Tokens and descriptions
 
     def _want(self, namespaces: Set[str], frames: Set[str]) -> None:
-        self._executor.submit("streams", lambda: self._watch.want(namespaces, frames))
+        self._executor.submit("streams", self._watch.want, namespaces, frames)
 
     def _on_stream(self, state: StreamState) -> None:
         """Called for one change of one stream at a time."""
@@ -528,7 +523,7 @@ class TransformListener:
             static_transforms_key_beside(state.key) in stream.read_keys
         )
 
-    def _while_read(self, stream: KnownStream, key: str) -> Callable[[str, bytes], None]:
+    def _while_read(self, stream: KnownStream, key: str) -> OnSample:
         """Takes the messages of a key; some may still come after it is left."""
         stream.read_keys.add(key)
 
@@ -561,15 +556,15 @@ class _ListenerHooks(ReceptionHooks):
         return self._listener._conflicts.claimed_by_others(stream, children)
 
     def on_overlap(self, stream: str, frames: frozenset[str]) -> None:
-        conflicts = self._listener._conflicts
-        self._listener._executor.submit("conflicts", lambda: conflicts.restore(stream, frames))
+        listener = self._listener
+        listener._executor.submit("conflicts", listener._conflicts.restore, stream, frames)
 
     def on_unlisted(self, stream: str, frames: frozenset[str]) -> None:
         self._listener._unlisted.hear(stream, frames)
 
     def on_takeover(self, stream: str, epoch_ns: int) -> None:
-        ask = self._listener._ask_for_description
-        self._listener._executor.submit("streams", lambda: ask(stream, epoch_ns))
+        listener = self._listener
+        listener._executor.submit("streams", listener._ask_for_description, stream, epoch_ns)
 
     def on_dispute(self, stream: str, epoch_ns: int) -> None:
         self._listener._watch.ask_for_epoch(stream, epoch_ns)
@@ -578,15 +573,13 @@ class _ListenerHooks(ReceptionHooks):
         listener = self._listener
         if stream not in listener._unnamed:
             listener._unnamed.add(stream)
-            ask = listener._ask_for_names
-            listener._executor.after(_NAMED_WITHIN_S, lambda: ask(stream, epoch_ns))
+            listener._executor.after(_NAMED_WITHIN_S, listener._ask_for_names, stream, epoch_ns)
 
     def on_growth(self, stream: str) -> None:
         self._listener._weigh(stream)
 
     def on_gap(self, stream: str, silent_s: float) -> None:
-        miss = self._listener._miss
-        self._listener._executor.submit("history", lambda: miss(stream, silent_s))
+        self._listener._executor.submit("history", self._listener._miss, stream, silent_s)
 
     def on_message_while_gone(self, stream: str) -> None:
         self._listener._still_sending.hear_message(stream)

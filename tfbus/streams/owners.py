@@ -1,12 +1,10 @@
 """Which session publishes a stream, if several describe themselves as its publisher."""
 
 from abc import abstractmethod
-from collections.abc import Callable
-from functools import partial
 
 from tfbus.base.executor import Executor
 from tfbus.base.wording import stamp_text
-from tfbus.bus.query import Answer, AskUntil, Pauses
+from tfbus.bus.query import Answer, AskUntil, OnEnd, Pauses
 from tfbus.bus.session import Session
 from tfbus.streams.info import StreamState
 from tfbus.streams.queries import description_question
@@ -110,7 +108,7 @@ class Owners:
         has_room = len(self._rechecked) < _MOST_CLAIMS
         if key not in self._rechecked and has_room and not self._states.is_closed:
             self._rechecked.add(key)
-            self._executor.after(_OWNER_RECHECKS_APART_S, lambda: self._recheck(key))
+            self._executor.after(_OWNER_RECHECKS_APART_S, self._recheck, key)
 
     def _recheck(self, key: str) -> None:
         """Have another session take the stream over if it answers, and the owner does not."""
@@ -145,7 +143,7 @@ class Owners:
     def ask_for_epoch(self, name: str, epoch_ns: int) -> None:
         """Ask whether a session publishes this epoch of a stream; from any thread, at once."""
         self._executor.submit(
-            "a disputed epoch", lambda: self._ask_for_epoch(name, epoch_ns), limit=_MOST_CLAIMS
+            "a disputed epoch", self._ask_for_epoch, name, epoch_ns, limit=_MOST_CLAIMS
         )
 
     def _ask_for_epoch(self, name: str, epoch_ns: int) -> None:
@@ -166,7 +164,7 @@ class _AskOwners(AskUntil):
         self._states = owners._states
         self._key = key
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         question = description_question(self._key, turn)
         question.ask(self._owners._session, self.receive, on_end)
 
@@ -225,7 +223,7 @@ class _AskOwner(_AskOwners):
 
     def on_over(self) -> None:
         owners, states, key = self._owners, self._states, self._key
-        owners._executor.after(_CLAIMS_APART_S, partial(owners._challenges.pop, key, None))
+        owners._executor.after(_CLAIMS_APART_S, owners._challenges.pop, key, None)
         if self._owner in self._answering:
             states.reject(self._stream, "the session that publishes the stream is there, too")
         elif self._challenger not in self._answering or states.is_closed:
@@ -245,14 +243,14 @@ class _AskForEpoch(_AskOwners):
         self._is_confirmed = False
         self._count = 0
 
-    def ask(self, turn: int, on_end: Callable[[], None]) -> None:
+    def ask(self, turn: int, on_end: OnEnd) -> None:
         self._known = self._states.of(self._key).description
         super().ask(turn, on_end)
 
     def receive(self, answer: Answer) -> None:
         self._count += answer.refusal is None
         if answer.refusal is None and self._count <= MOST_ANSWERS:
-            self._owners._executor.submit(_WHAT, partial(self._take, answer))
+            self._owners._executor.submit(_WHAT, self._take, answer)
 
     def _take(self, answer: Answer) -> None:
         key, states = self._key, self._states
@@ -270,7 +268,7 @@ class _AskForEpoch(_AskOwners):
 
     def on_over(self) -> None:
         owners, states = self._owners, self._states
-        owners._executor.after(_CLAIMS_APART_S, partial(owners._claims.pop, self._key, None))
+        owners._executor.after(_CLAIMS_APART_S, owners._claims.pop, self._key, None)
         if not self._is_confirmed and not states.is_closed:
             states.once.warning(
                 ("epoch", self._stream),

@@ -14,7 +14,7 @@ from functools import partial
 from tfbus.base import scheduler
 from tfbus.base.errors import DecodeError
 from tfbus.base.structs import replace
-from tfbus.base.wording import listed, printable
+from tfbus.base.wording import printable
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.insert_many import Permit
 from tfbus.geometry.columns import Columns
@@ -197,18 +197,6 @@ class StreamReception:
             self.counts.rejected += 1
             self.counts.unreadable = printable(str(error))
         self.facts.warn_once("rejected", "Dropped a message of stream %r: %s", self.name, error)
-
-    def refuse_frame(self, frame: str) -> None:
-        """Count a transform whose frame the stream may not have; log the first."""
-        with self.facts.lock:
-            self.counts.forbidden += 1
-        self.facts.warn_once(
-            "forbidden",
-            "Refused frame %r of stream %r: by the rights of this bus it may publish only %s",
-            frame,
-            self.name,
-            listed(self.rights.patterns if self.rights else ()) or "nothing",
-        )
 
     # The stream's description, and its token
 

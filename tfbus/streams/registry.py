@@ -248,13 +248,12 @@ SILENT_S = 2.0
 
 class UnlistedFrames:
     """Frames of streams that do not list them, and when each was last sent; safe from any thread.
-
-    `drop(stream, frames)` is called on the executor's thread for silent frames.
+    Silent ones are dropped, on the executor's thread.
     """
 
-    def __init__(self, executor: Executor, drop: Callable[[str, frozenset[str]], object]) -> None:
+    def __init__(self, registry: Registry, executor: Executor) -> None:
+        self._registry = registry
         self._executor = executor
-        self._drop = drop
         self._lock = scheduler.Lock()
         self._heard_s: dict[str, dict[str, float]] = {}
 
@@ -268,7 +267,7 @@ class UnlistedFrames:
             self._drop_later(stream)
 
     def _drop_later(self, stream: str) -> None:
-        own_pauses().after(self._executor, SILENT_S, lambda: self._drop_silent(stream))
+        own_pauses().after(self._executor, SILENT_S, self._drop_silent, stream)
 
     def _drop_silent(self, stream: str) -> None:
         since_s = scheduler.monotonic() - SILENT_S
@@ -281,7 +280,9 @@ class UnlistedFrames:
                 self._heard_s[stream] = heard_s
         if heard_s:
             self._drop_later(stream)
-        self._drop(stream, silent)
+        reception = self._registry.reception(stream)
+        if reception is not None:
+            reception.drop_unlisted(silent)
 
 
 # A stream that sends for so long after its token was lost is not gone. Messages that are under way
@@ -312,7 +313,7 @@ class StillSending:
         stream = self._registry.get(name)
         lost_s = None if stream is None else stream.lost_s
         if lost_s is not None and scheduler.monotonic() - lost_s > _SENDS_FOR_S:
-            self._executor.submit("a stream that sends", lambda: self._bring_back(name), limit=1)
+            self._executor.submit("a stream that sends", self._bring_back, name, limit=1)
 
     def _bring_back(self, name: str) -> None:
         stream = self._registry.get(name)

@@ -9,7 +9,7 @@ from contextlib import suppress
 from tfbus.base import scheduler
 from tfbus.base.bounded import Bounded
 from tfbus.base.errors import TransformException
-from tfbus.base.wording import quoted, stamp_text
+from tfbus.base.wording import listed, quoted, stamp_text
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import Change
 from tfbus.buffer.insert_many import Permit
@@ -263,15 +263,13 @@ class FrameRights:
     """The second stage of a stream's reception, on a closed bus: drops rows of frames that its
     publishers may not have, whose names match none of the patterns.
 
-    Frames are called here with `prefix` in front. `refuse(frame)` is called for each refused frame.
+    Frames are called here with `prefix` in front.
     """
 
-    def __init__(
-        self, patterns: tuple[str, ...], prefix: str, refuse: Callable[[str], object]
-    ) -> None:
-        self.patterns = patterns
+    def __init__(self, patterns: tuple[str, ...], prefix: str, facts: StreamFacts) -> None:
+        self._patterns = patterns
         self._prefix = prefix
-        self._refuse = refuse
+        self._facts = facts
         self._allowed: Bounded[str, None] = Bounded(_MOST_NAMES)
         # Rows whose frames all may come.
         self._clean = FoundOfRows(_MOST_NAMES)
@@ -288,11 +286,24 @@ class FrameRights:
             self._refuse(child)
         return rows.without(refused)
 
+    def _refuse(self, frame: str) -> None:
+        """Count a transform of a frame that the stream may not have; log the first."""
+        facts = self._facts
+        with facts.lock:
+            facts.counts.forbidden += 1
+        facts.warn_once(
+            "forbidden",
+            "Refused frame %r of stream %r: by the rights of this bus it may publish only %s",
+            frame,
+            facts.name,
+            listed(self._patterns) or "nothing",
+        )
+
     def _allows(self, frame: str) -> bool:
         if frame in self._allowed:
             return True
         name = frame.removeprefix(self._prefix)
-        if not any(matches(pattern, name) for pattern in self.patterns):
+        if not any(matches(pattern, name) for pattern in self._patterns):
             return False
         self._allowed[frame] = None
         return True

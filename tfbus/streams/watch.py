@@ -87,11 +87,16 @@ class StreamWatch:
         rights = StreamRights.of_settings(session.settings)
         self._states = StreamStates(LogOnce(log), rights, self._report, self._forget_wanted)
         self._owners = Owners(session, self._executor, self._states)
-        self._queries = DescriptionQueries(
-            session, self._executor, self._states, self._owners, all_keys=key, is_most=self._is_most
-        )
         # The tokens that are there.
         self._living: set[str] = set()
+        self._queries = DescriptionQueries(
+            session,
+            self._executor,
+            self._states,
+            self._owners,
+            all_keys=key,
+            living=self._living if only_wanted else None,
+        )
         # When the latest news of a token came.
         self._news_s: Bounded[str, float] = Bounded(_MOST_NEWS)
         # The questions whether a token that was reported gone is still there, by its key.
@@ -137,10 +142,6 @@ class StreamWatch:
     def _forget_wanted(self, state: StreamState) -> None:
         if self._wanted is not None:
             self._wanted.forget(state.key)
-
-    def _is_most(self, count: int) -> bool:
-        """Whether a query for all streams would mostly be about so many of them."""
-        return self._wanted is None or 2 * count >= len(self._living)
 
     def ask_again(self, key: str, epoch_ns: int) -> None:
         """Ask for the description of this epoch: another process publishes the stream now. Call it
@@ -188,18 +189,15 @@ class StreamWatch:
         self._descriptions.close()
         self._executor.close()
 
-    def _do(self, job: Callable[[], None]) -> None:
-        self._executor.submit(_WHAT, job)
-
     def _on_token(self, key: str, alive: bool) -> None:
         if self._states.is_name(key):
             came_s = scheduler.monotonic()
-            self._do(lambda: self._note_token(key, alive, came_s))
+            self._executor.submit(_WHAT, self._note_token, key, alive, came_s)
 
     def _on_description(self, key: str, payload: bytes, sender: str = "") -> None:
         received = Received(key, payload, sender, scheduler.monotonic())
         if self._states.is_name(key) and self._received.enqueue(received):
-            self._do(self._read_next)
+            self._executor.submit(_WHAT, self._read_next)
 
     def _read_next(self) -> None:
         """Read one description: a token that comes meanwhile waits only for this one."""
@@ -216,7 +214,7 @@ class StreamWatch:
                 self._owners.take(received.key, description, received.sender)
         finally:
             if self._received.has_more():
-                self._do(self._read_next)
+                self._executor.submit(_WHAT, self._read_next)
 
     def _is_wanted(self, key: str) -> bool:
         return self._wanted is None or key in self._wanted
@@ -284,7 +282,7 @@ class StreamWatch:
                     self._change_token(key, True, scheduler.monotonic())
 
         def on_end(living: list[str]) -> None:
-            self._do(lambda: take(key in living))
+            self._executor.submit(_WHAT, take, key in living)
 
         with suppress(BusError):  # the session is closed
             self._session.living_later(key, on_end)

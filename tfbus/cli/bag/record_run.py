@@ -252,7 +252,7 @@ def _filling(
     """Serves the kept files; or fills gaps from recorders that do, except of snapshots."""
     if plan.keep is not None:
         try:
-            kept = KeptFiles(node, lambda: [*parts.older, *parts.paths])
+            kept = KeptFiles(node, parts)
         except RightsError as error:
             node.log.warning("What is kept is not served: %s", error)
         else:

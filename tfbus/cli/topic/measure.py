@@ -3,9 +3,9 @@
 import functools
 import math
 import time
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import click
 from click.core import ParameterSource
@@ -50,54 +50,96 @@ F = TypeVar("F", bound=Callable[..., Any])
 Meter = Callable[[bytes], float | None]
 
 
-@dataclass(frozen=True)
 class Measure:
-    """A measure as numbers, as lines, and as a row of a table of several topics.
+    """A measure as numbers, as lines, and as a row of a table of several topics."""
 
-    `numbers` takes a reading and the time now (monotonic s), and returns None for too few messages.
-    """
+    name: ClassVar[str]
+    headings: ClassVar[tuple[str, ...]]
 
-    name: str
-    numbers: Callable[[WindowReading, float], dict[str, Any] | None]
-    lines: Callable[[dict[str, Any]], list[str]]
-    headings: tuple[str, ...]
-    row: Callable[[dict[str, Any]], list[str]]
+    @abstractmethod
+    def numbers(self, reading: WindowReading, now_s: float) -> dict[str, Any] | None:
+        """The numbers at a monotonic time in s; None for too few messages."""
+
+    @abstractmethod
+    def lines(self, it: dict[str, Any]) -> list[str]:
+        """Lines of these numbers."""
+
+    @abstractmethod
+    def row(self, it: dict[str, Any]) -> list[str]:
+        """A row of these numbers, below the headings."""
+
+
+class _Rate(Measure):
+    name = "hz"
+    headings = ("rate", "min_delta", "max_delta", "std_dev", "window")
+
+    def numbers(self, reading: WindowReading, now_s: float) -> dict[str, Any] | None:
+        spread = spread_of(reading.intervals_s)
+        if spread is None or spread.mean <= 0.0:
+            return None
+        return {
+            "rate_hz": 1.0 / spread.mean,
+            **_spread(spread, "s"),
+            "window": len(reading.arrivals_s),
+        }
+
+    def lines(self, it: dict[str, Any]) -> list[str]:
+        return [f"average rate: {it['rate_hz']:.3f}", _spread_line(it)]
+
+    def row(self, it: dict[str, Any]) -> list[str]:
+        return [f"{it['rate_hz']:.3f}", *_spread_row(it)]
+
+
+class _Bandwidth(Measure):
+    name = "bw"
+    headings = ("bandwidth", "mean", "min", "max", "window")
+
+    def numbers(self, reading: WindowReading, now_s: float) -> dict[str, Any] | None:
+        spread = spread_of(reading.numbers)
+        if spread is None or spread.count < 2:
+            return None
+        return {
+            "bytes_per_s": spread.mean * spread.count / (now_s - reading.arrivals_s[0]),
+            "mean_bytes": spread.mean,
+            "min_bytes": spread.min,
+            "max_bytes": spread.max,
+            "window": spread.count,
+        }
+
+    def lines(self, it: dict[str, Any]) -> list[str]:
+        mean, least, most = _sizes(it)
+        return [
+            f"{_in_bytes(it['bytes_per_s'])}/s from {counted(it['window'], 'message')}",
+            f"\tMessage size mean: {mean} min: {least} max: {most}",
+        ]
+
+    def row(self, it: dict[str, Any]) -> list[str]:
+        return [f"{_in_bytes(it['bytes_per_s'])}/s", *_sizes(it), str(it["window"])]
+
+
+class _Delay(Measure):
+    name = "delay"
+    headings = ("delay", "min", "max", "std_dev", "window")
+
+    def numbers(self, reading: WindowReading, now_s: float) -> dict[str, Any] | None:
+        spread = spread_of(reading.numbers)
+        if spread is None:
+            return None
+        return {"mean_s": spread.mean, **_spread(spread, "s"), "window": spread.count}
+
+    def lines(self, it: dict[str, Any]) -> list[str]:
+        return [f"average delay: {it['mean_s']:.3f}", _spread_line(it)]
+
+    def row(self, it: dict[str, Any]) -> list[str]:
+        return [f"{it['mean_s']:.5f}", *_spread_row(it)]
+
+
+RATE, BANDWIDTH, DELAY = _Rate(), _Bandwidth(), _Delay()
 
 
 def _spread(spread: Spread, unit: str) -> dict[str, float]:
     names = ("min", "max", "std_dev", "p50", "p95", "p99")
     return {f"{name}_{unit}": getattr(spread, name) for name in names}
-
-
-def _rate(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
-    spread = spread_of(reading.intervals_s)
-    if spread is None or spread.mean <= 0.0:
-        return None
-    return {
-        "rate_hz": 1.0 / spread.mean,
-        **_spread(spread, "s"),
-        "window": len(reading.arrivals_s),
-    }
-
-
-def _delay(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
-    spread = spread_of(reading.numbers)
-    if spread is None:
-        return None
-    return {"mean_s": spread.mean, **_spread(spread, "s"), "window": spread.count}
-
-
-def _bandwidth(reading: WindowReading, now_s: float) -> dict[str, Any] | None:
-    spread = spread_of(reading.numbers)
-    if spread is None or spread.count < 2:
-        return None
-    return {
-        "bytes_per_s": spread.mean * spread.count / (now_s - reading.arrivals_s[0]),
-        "mean_bytes": spread.mean,
-        "min_bytes": spread.min,
-        "max_bytes": spread.max,
-        "window": spread.count,
-    }
 
 
 def _spread_line(it: dict[str, Any]) -> str:
@@ -120,37 +162,6 @@ def _in_bytes(number: float) -> str:
 
 def _sizes(it: dict[str, Any]) -> list[str]:
     return [_in_bytes(it[name]) for name in ("mean_bytes", "min_bytes", "max_bytes")]
-
-
-def _bandwidth_lines(it: dict[str, Any]) -> list[str]:
-    mean, least, most = _sizes(it)
-    return [
-        f"{_in_bytes(it['bytes_per_s'])}/s from {counted(it['window'], 'message')}",
-        f"\tMessage size mean: {mean} min: {least} max: {most}",
-    ]
-
-
-RATE = Measure(
-    "hz",
-    _rate,
-    lambda it: [f"average rate: {it['rate_hz']:.3f}", _spread_line(it)],
-    ("rate", "min_delta", "max_delta", "std_dev", "window"),
-    lambda it: [f"{it['rate_hz']:.3f}", *_spread_row(it)],
-)
-BANDWIDTH = Measure(
-    "bw",
-    _bandwidth,
-    _bandwidth_lines,
-    ("bandwidth", "mean", "min", "max", "window"),
-    lambda it: [f"{_in_bytes(it['bytes_per_s'])}/s", *_sizes(it), str(it["window"])],
-)
-DELAY = Measure(
-    "delay",
-    _delay,
-    lambda it: [f"average delay: {it['mean_s']:.3f}", _spread_line(it)],
-    ("delay", "min", "max", "std_dev", "window"),
-    lambda it: [f"{it['mean_s']:.5f}", *_spread_row(it)],
-)
 
 
 _PERIOD_S = 1.0

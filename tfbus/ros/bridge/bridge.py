@@ -16,6 +16,7 @@ from tfbus.ros.bridge.common import (
     Crossed,
     RosFrameNames,
     RosPublishers,
+    SentBySeniors,
 )
 from tfbus.ros.bridge.from_ros import FromRos
 from tfbus.ros.bridge.legs import Endable, Leg, RosTopic
@@ -57,8 +58,6 @@ class Bridge:
             leg.close()
             raise
         self._is_built = False
-        # The sessions of other bridges between this bus and this ROS.
-        self._met: set[str] = set()
         self.node = node
         self.leg = leg
         self._options = options
@@ -91,6 +90,7 @@ class Bridge:
             self._publishers,
             self._bus,
             self._crossed,
+            SentBySeniors(self._reconsider_soon),
             self._executor,
             self._once,
         )
@@ -98,22 +98,10 @@ class Bridge:
         self._to_ros = self._way_to_ros(common) if options.to_ros else None
         self.bridges = Bridges(node, self._status({}, {}), self._on_bridge)
         self._parts.callback(self.bridges.close)
-        to_ros = self._to_ros
-        self._rule = CrossingRule(
-            common,
-            self.bridges,
-            tells_publishers=leg.tells_publishers,
-            sent_there=to_ros.sends if to_ros else lambda child: False,
-            static_there=to_ros.static_of if to_ros else lambda child: None,
-            on_sent_by_senior=self._reconsider_soon,
+        rule = CrossingRule(
+            common, self.bridges, self._to_ros, tells_publishers=leg.tells_publishers
         )
-        self.from_ros = FromRos(
-            common,
-            leg,
-            self.bridges,
-            self._rule,
-            on_names=to_ros.reconsider if to_ros else lambda: None,
-        )
+        self.from_ros = FromRos(common, leg, self.bridges, rule, self._to_ros)
         self._parts.callback(self.from_ros.close)
         self.clock = RosClock(
             node,
@@ -123,8 +111,8 @@ class Bridge:
             from_ros=options.from_ros,
             executor=self._executor,
             once=self._once,
-            others=self._living_bridges,
-            is_senior=self.bridges.is_senior,
+            bridges=self.bridges,
+            publishers=self._publishers,
             on_way=self._announce,
         )
         self._parts.callback(self.clock.close)
@@ -135,13 +123,7 @@ class Bridge:
     def _way_to_ros(self, common: Common) -> ToRos:
         dynamic, static = self.leg.publisher(self._dynamic), self.leg.publisher(self._static)
         self._gids = tuple(each.gid for each in (dynamic, static) if each.gid)
-        to_ros = ToRos(
-            common,
-            dynamic,
-            static,
-            sent_by_senior=lambda child: self._rule.sent_by_senior(child),
-            on_statics=self._reconsider_soon,
-        )
+        to_ros = ToRos(common, dynamic, static, on_statics=self._reconsider_soon)
         self._parts.callback(to_ros.close)
         return to_ros
 
@@ -180,18 +162,10 @@ class Bridge:
             from_ros=self._options.from_ros,
             ros_namespace=self._options.ros_namespace.strip("/"),
             log=self.node.log,
-            seniors=self._seniors,
+            bridges=self.bridges,
             names=self._names,
         )
         return bridge
-
-    def _seniors(self) -> list[RosBridge]:
-        """The other bridges between this bus and this ROS that were there before."""
-        return [
-            each
-            for each in self.bridges.others
-            if each.session in self._met and self.bridges.is_senior(each)
-        ]
 
     # Changes
 
@@ -212,11 +186,9 @@ class Bridge:
         """Of two bridges between the same bus and the same ROS, one sends a frame."""
         there = self._publishers.nodes
         for other in self.bridges.others if self._is_built else ():
-            if not any(gid in there for gid in other.gids):
+            if not other.joins(there) or other.session in self.bridges.met:
                 continue
-            if other.session in self._met:
-                continue
-            self._met.add(other.session)
+            self.bridges.met.add(other.session)
             self.node.log.warning(
                 "Bridge %s joins the same bus and the same ROS as this one: %s. One is enough: a "
                 "frame, a topic or the clock crosses by the one that was started first",
@@ -242,21 +214,10 @@ class Bridge:
         self._say_nothing_came(from_ros)
         self._announce()
 
-    def _living_bridges(self) -> list[RosBridge]:
-        """The other bridges that join this bus and this ROS, or may: one without gids sends
-        nothing to ROS.
-        """
-        there = self._publishers.nodes
-        return [
-            other
-            for other in self.bridges.living
-            if not other.gids or any(gid in there for gid in other.gids)
-        ]
-
     def _meet_new_bridges(self) -> None:
         there = self._publishers.nodes
         if any(
-            other.session not in self._met and any(gid in there for gid in other.gids)
+            other.session not in self.bridges.met and other.joins(there)
             for other in self.bridges.others
         ):
             self._meet_bridges()

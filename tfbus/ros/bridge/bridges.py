@@ -1,7 +1,7 @@
 """Other bridges: their notices on the bus, and which of two bridges sends a frame."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -14,6 +14,7 @@ from tfbus.node.node import Node
 from tfbus.node.topic import Publisher
 from tfbus.ros.bridge.common import Common
 from tfbus.ros.bridge.ros_sources import RosSource
+from tfbus.ros.bridge.to_ros import ToRos
 from tfbus.ros.rmw import is_bridge
 from tfbus.wire.codec import decode_message
 from tfbus.wire.descriptions import NodeDescription
@@ -48,6 +49,10 @@ class RosBridge:
     clock: str = ""
     lost: int = 0
 
+    def joins(self, publishers: Container[str]) -> bool:
+        """Whether it joins the ROS that has these publishers of transforms, by their gids."""
+        return any(gid in publishers for gid in self.gids)
+
 
 def check_name_is_free(node: Node) -> None:
     """Raise TfbusError if another bridge has the node's name: streams would have two owners."""
@@ -73,6 +78,8 @@ class Bridges:
     """
 
     def __init__(self, node: Node, own: RosBridge, on_change: Callable[[], object]) -> None:
+        # The sessions of other bridges between this bus and this ROS.
+        self.met: set[str] = set()
         self._own = own
         self._on_change = on_change
         self._lock = threading.Lock()
@@ -98,11 +105,18 @@ class Bridges:
             return [*self._others.values()]
 
     @property
-    def living(self) -> list[RosBridge]:
-        """The other bridges that are there."""
+    def seniors(self) -> list[RosBridge]:
+        """The other bridges between this bus and this ROS that were there before this one."""
+        return [each for each in self.others if each.session in self.met and self.is_senior(each)]
+
+    def living(self, publishers: Container[str]) -> list[RosBridge]:
+        """The other bridges that are there, and join this bus and the ROS with these publishers, or
+        may: one without gids sends nothing to ROS.
+        """
         with self._lock:
             by_node = {each.node: each for each in self._others.values()}
-        return [each for each in by_node.values() if each.node in self._living]
+        living = [each for each in by_node.values() if each.node in self._living]
+        return [each for each in living if not each.gids or each.joins(publishers)]
 
     def of_gid(self, gid: str) -> RosBridge | None:
         """The other bridge of this bus that publishes in ROS by this gid."""
@@ -150,43 +164,30 @@ class Bridges:
 # A frame that another bridge sends may be one of this bus that is not known here yet.
 _GRACE_S = 2.0
 
-# A bridge that was here first still sends the frames that it has sent within this time.
-_STILL_SENT_S = 3.0
-
 # Names come from ROS: of more than this, all are asked about again.
 _MOST_NAMES = 100_000
 
 
 class CrossingRule:
-    """Says it for each frame by its name on the bus.
-
-    `sent_there(child)` is whether this bridge sends a frame of the bus to ROS, and
-    `static_there(child)` the static transform of it that it sends there. `on_sent_by_senior()` is
-    called as `sent_by_senior` begins to hold for a frame.
-    """
+    """Says it for each frame by its name on the bus; `to_ros` sends frames of the bus to ROS."""
 
     def __init__(
         self,
         common: Common,
         bridges: Bridges,
+        to_ros: ToRos | None,
         *,
         tells_publishers: bool,
-        sent_there: Callable[[str], bool],
-        static_there: Callable[[str], TransformStamped | None],
-        on_sent_by_senior: Callable[[], object] = lambda: None,
     ) -> None:
         self._options = common.options
         self._publishers = common.publishers
         self._bus = common.bus
+        self._sent_by_seniors = common.sent_by_seniors
         self._bridges = bridges
+        self._to_ros = to_ros
         self._tells_publishers = tells_publishers
-        self._sent_there = sent_there
-        self._static_there = static_there
-        self._on_sent_by_senior = on_sent_by_senior
         # Frames that other bridges have sent: since when.
         self._met_s: dict[str, float] = {}
-        # Frames that a bridge of this bus, which was there first, sends to ROS: when last.
-        self._of_seniors_s: dict[str, float] = {}
 
     def is_of_bridge(self, source: RosSource) -> bool:
         """Whether another bridge sends it, or may."""
@@ -200,16 +201,11 @@ class CrossingRule:
         if bridge is not None:
             # It comes from this bus.
             if self._bridges.is_senior(bridge):
-                if len(self._of_seniors_s) >= _MOST_NAMES:
-                    self._of_seniors_s.clear()
-                is_news = not self.sent_by_senior(child)
-                self._of_seniors_s[child] = scheduler.monotonic()
-                if is_news:
-                    self._on_sent_by_senior()
+                self._sent_by_seniors.record(child)
             return False
         if not self._options.from_ros or not self._options.selects(child):
             return False
-        if not self._tells_publishers and self._sent_there(child):
+        if not self._tells_publishers and self._to_ros is not None and self._to_ros.sends(child):
             return False
         if not self.is_of_bridge(source):
             return True
@@ -225,14 +221,9 @@ class CrossingRule:
         """Whether a static transform crosses: not one that the bridge itself sends to ROS."""
         if not self.crosses(source, child):
             return False
-        there = self._static_there(child)
+        there = None if self._to_ros is None else self._to_ros.static_of(child)
         return (
             there is None
             or there.frame_id != transform.frame_id
             or there.transform != transform.transform
         )
-
-    def sent_by_senior(self, child: str) -> bool:
-        """Whether another bridge of this bus, which was there first, sends a frame to ROS."""
-        last_s = self._of_seniors_s.get(child)
-        return last_s is not None and scheduler.monotonic() < last_s + _STILL_SENT_S

@@ -393,6 +393,34 @@ class Crossed:
         return True
 
 
+# A bridge that was here first still sends the frames that it has sent within this time.
+_STILL_SENT_S = 3.0
+
+
+class SentBySeniors:
+    """Remembers the frames that a bridge of this bus, which was there first, sends to ROS, by their
+    names on the bus. `on_news` is called when it begins to send one.
+    """
+
+    def __init__(self, on_news: Callable[[], object]) -> None:
+        self._on_news = on_news
+        self._last_s: dict[str, float] = {}
+
+    def record(self, child: str) -> None:
+        """Such a bridge has sent a frame."""
+        if len(self._last_s) >= _MOST_FRAMES:
+            self._last_s.clear()
+        is_news = not self.has(child)
+        self._last_s[child] = scheduler.monotonic()
+        if is_news:
+            self._on_news()
+
+    def has(self, child: str) -> bool:
+        """Whether such a bridge sends a frame."""
+        last_s = self._last_s.get(child)
+        return last_s is not None and scheduler.monotonic() < last_s + _STILL_SENT_S
+
+
 @dataclass(frozen=True)
 class Common:
     """Of one bridge: its node and options, the publishers on either side, the crossed transforms,
@@ -405,5 +433,6 @@ class Common:
     publishers: RosPublishers
     bus: BusStreams
     crossed: Crossed
+    sent_by_seniors: SentBySeniors
     executor: Executor
     once: LogOnce

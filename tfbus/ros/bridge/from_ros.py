@@ -1,7 +1,7 @@
 """From ROS to the bus: transforms of each node of ROS, in a stream of its own; of Odometry too."""
 
 import threading
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -22,6 +22,7 @@ from tfbus.ros.bridge.legs import (
 )
 from tfbus.ros.bridge.ros_sources import RosSource, RosSources, RosStream
 from tfbus.ros.bridge.routes import RateLimit, Route, Routes, chosen, invalid_rows, is_pose, route
+from tfbus.ros.bridge.to_ros import ToRos
 from tfbus.ros.bridge.topic_table import TopicTable
 from tfbus.ros.definitions import ODOMETRY, TF_MESSAGE
 from tfbus.ros.schema import MessageCodec
@@ -42,8 +43,7 @@ class FromRos:
         leg: Leg,
         bridges: Bridges,
         rule: CrossingRule,
-        *,
-        on_names: Callable[[], object],
+        to_ros: ToRos | None,
     ) -> None:
         self.rejected = 0
         self._node = common.node
@@ -56,7 +56,7 @@ class FromRos:
         self._leg = leg
         self._bridges = bridges
         self._rule = rule
-        self._on_names = on_names
+        self._to_ros = to_ros
         self._lock = threading.RLock()
         self._reader = TFMessageReader()
         self.sources = RosSources(
@@ -263,13 +263,13 @@ class FromRos:
         to = self._names.on_bus
         on_bus = {name: to(name) for name in rows.frames}
         refused = self._refused(source, on_bus, rows)
-        found = route(
-            rows,
-            on_bus.__getitem__,
-            lambda parent, child: (
-                (parent, child) not in refused and self._rule.crosses(source, on_bus[child])
-            ),
-        )
+        edges = [(rows.frames[parent], rows.frames[child]) for parent, child in rows.pairs()]
+        kept = [
+            at
+            for at, edge in enumerate(edges)
+            if edge not in refused and self._rule.crosses(source, on_bus[edge[1]])
+        ]
+        found = route(rows, tuple(on_bus[name] for name in rows.frames), kept)
         children = [on_bus[child] for child in found.children]
         for child in children:
             # It was static until now.
@@ -337,8 +337,8 @@ class FromRos:
         )
 
     def _note_names(self, names: Collection[str]) -> None:
-        if any([self._names.met(each) for each in names]):
-            self._on_names()
+        if any([self._names.met(each) for each in names]) and self._to_ros is not None:
+            self._to_ros.reconsider()
 
     # Static transforms
 

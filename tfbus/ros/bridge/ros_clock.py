@@ -11,9 +11,10 @@ from tfbus.base.executor import Executor
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
 from tfbus.messages import Clock
+from tfbus.node.clock_topic import ClockPublisher
 from tfbus.node.node import Node
-from tfbus.ros.bridge.bridges import RosBridge
-from tfbus.ros.bridge.common import ClockWay
+from tfbus.ros.bridge.bridges import Bridges, RosBridge
+from tfbus.ros.bridge.common import ClockWay, RosPublishers
 from tfbus.ros.bridge.legs import Endable, Leg, RosSender, RosTopic
 from tfbus.ros.cdr import HEADER, CdrReader
 from tfbus.ros.definitions import CLOCK
@@ -39,9 +40,9 @@ class RosClock:
     neither crosses, also if the second comes later, which is logged. Messages come on threads of
     the leg's and of Zenoh's.
 
-    `others()` are the bridges between the same bus and the same ROS, or maybe the same. While there
-    are any, a clock may be theirs: then nothing is logged, and a way that has begun stays, unless
-    one that `is_senior` has the same. `on_way()` is called when the way has changed.
+    While there are other bridges between the same bus and the same ROS, a clock may be theirs: then
+    nothing is logged, and a way that has begun stays, unless one that was there first has the same.
+    `on_way()` is called when the way has changed.
     """
 
     def __init__(
@@ -54,8 +55,8 @@ class RosClock:
         from_ros: bool,
         executor: Executor,
         once: LogOnce,
-        others: Callable[[], Sequence[RosBridge]],
-        is_senior: Callable[[RosBridge], bool],
+        bridges: Bridges,
+        publishers: RosPublishers,
         on_way: Callable[[], object],
     ) -> None:
         self.way: Literal["", "to ROS", "from ROS"] = ""
@@ -66,8 +67,8 @@ class RosClock:
             "from ROS": from_ros and way in ("auto", "from-ros"),
         }
         self._is_auto = way == "auto"
-        self._others = others
-        self._is_senior = is_senior
+        self._bridges = bridges
+        self._publishers = publishers
         self._on_way = on_way
         self._once = once
         self._lock = threading.Lock()
@@ -78,8 +79,7 @@ class RosClock:
         self._alone_from_s = 0.0
         self._bridge_gids: frozenset[str] = frozenset()
         self._sender: RosSender | None = None
-        self._publisher: Endable | None = None
-        self._publish: Callable[[Clock], None] = lambda clock: None
+        self._publisher: ClockPublisher | None = None
         self._subscriptions: list[Endable] = []
         if any(self._may.values()):
             self._subscriptions = [
@@ -104,7 +104,7 @@ class RosClock:
         self._bridge_gids = frozenset(
             each.gid for each in self._leg.publishers(TOPIC.name) if is_bridge(each.node)
         )
-        others = self._others()
+        others = self._bridges.living(self._publishers.nodes)
         with self._lock:
             former = self.way
             self._decide(others)
@@ -142,13 +142,15 @@ class RosClock:
         return self._is_auto and len(firsts_s) == 2 and now_s >= max(firsts_s) + _DECIDE_S
 
     def _senior_with(self, way: str, others: Sequence[RosBridge]) -> RosBridge | None:
-        return next((each for each in others if each.clock == way and self._is_senior(each)), None)
+        return next(
+            (each for each in others if each.clock == way and self._bridges.is_senior(each)), None
+        )
 
     def _choose(self, there: set[str], now_s: float, others: Sequence[RosBridge]) -> None:
         if self._is_auto and len(there) == 2:
             return
         # One that was there first goes first.
-        after_s = _DECIDE_S * (1 + any(map(self._is_senior, others)))
+        after_s = _DECIDE_S * (1 + any(map(self._bridges.is_senior, others)))
         for way in there:
             is_due = now_s >= self.first_s[way] + after_s
             if self._may[way] and is_due and not self._is_theirs(way, others):
@@ -173,7 +175,7 @@ class RosClock:
                 return
             # Before the first message of its own comes.
             self.way = "from ROS"
-            self._publisher, self._publish = publisher, publisher.publish
+            self._publisher = publisher
         self._node.log.info(
             "The simulated time goes %s", "to ROS" if way == "to ROS" else "from ROS to the bus"
         )
@@ -184,7 +186,6 @@ class RosClock:
             if each is not None:
                 each.close()
         self._sender = self._publisher = None
-        self._publish = lambda clock: None
 
     def _heard(self, way: str) -> None:
         now_s = scheduler.monotonic()
@@ -204,12 +205,14 @@ class RosClock:
             if self.way == "to ROS" and not gid:
                 return
             self._heard("from ROS")
-            publish = self._publish
+            publisher = self._publisher
+        if publisher is None:
+            return
         # Without the lock: the message comes to this session too, on this thread.
         try:
-            publish(Clock(stamp_ns))
+            publisher.publish(Clock(stamp_ns))
         except TfbusError as error:
-            if publish is not self._publish:
+            if publisher is not self._publisher:
                 return  # the way has ended meanwhile
             self._once.warning("clock", "The time does not come from ROS: %s", error)
 

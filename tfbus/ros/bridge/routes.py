@@ -80,12 +80,10 @@ def chosen(rows: Columns, which: Sequence[int]) -> Columns:
     )
 
 
-def route(rows: Columns, name: Callable[[str], str], goes: Callable[[str, str], bool]) -> Route:
-    """The route if frames get the `name(frame)`, and rows go for which `goes(parent, child)`."""
+def route(rows: Columns, names: tuple[str, ...], kept: list[int]) -> Route:
+    """The route if the frames get these names, and the rows at these indices go."""
     frames = rows.frames
     pairs = rows.pairs()
-    kept = [at for at, (parent, child) in enumerate(pairs) if goes(frames[parent], frames[child])]
-    names = tuple([name(each) for each in frames])
     return Route(
         frames if names == frames else names,
         None if len(kept) == len(pairs) else kept,

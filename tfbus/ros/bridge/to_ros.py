@@ -34,10 +34,7 @@ class _Listener(TransformListener):
 
 
 class ToRos:
-    """Sends transforms of the bus to ROS, until `close()`.
-
-    `sent_by_senior(child)` is whether another bridge sends a frame there already.
-    """
+    """Sends transforms of the bus to ROS, until `close()`."""
 
     def __init__(
         self,
@@ -45,7 +42,6 @@ class ToRos:
         dynamic: RosSender,
         static: RosSender,
         *,
-        sent_by_senior: Callable[[str], bool],
         on_statics: Callable[[], object],
     ) -> None:
         self._node = common.node
@@ -57,7 +53,7 @@ class ToRos:
         self._once = common.once
         self._dynamic = dynamic
         self._static = static
-        self._sent_by_senior = sent_by_senior
+        self._sent_by_seniors = common.sent_by_seniors
         self._on_statics = on_statics
         self._lock = threading.Lock()
         self._writer = TFMessageWriter()
@@ -165,11 +161,12 @@ class ToRos:
     def _route(self, rows: Columns, stream: str) -> Route:
         goes = self._goes(stream)
         in_ros = {name: self._names.in_ros(name) for name in rows.frames}
-        found = route(
-            rows,
-            lambda name: in_ros[name] or name,
-            lambda parent, child: goes and self._crosses(parent, child, in_ros),
-        )
+        kept = [
+            at
+            for at, (parent, child) in enumerate(rows.pairs())
+            if goes and self._crosses(rows.frames[parent], rows.frames[child], in_ros)
+        ]
+        found = route(rows, tuple(in_ros[name] or name for name in rows.frames), kept)
         for child in rows.children() - set(found.children):
             self._stays(child, stream)
         for child in found.children:
@@ -200,7 +197,7 @@ class ToRos:
                 printable(parent if there[0] is None else child, 60),
             )
             return False
-        if self._sent_by_senior(child):
+        if self._sent_by_seniors.has(child):
             self._has_senior = True
             return False
         return True

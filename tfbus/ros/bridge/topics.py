@@ -15,7 +15,7 @@ from tfbus.bus.graph import Graph, TopicInfo, graph_of
 from tfbus.bus.graph_watch import GraphWatch
 from tfbus.node.node import Node
 from tfbus.node.topic import RawPublisher
-from tfbus.ros.bridge.bridges import RosBridge
+from tfbus.ros.bridge.bridges import Bridges, RosBridge
 from tfbus.ros.bridge.common import BridgeOptions, RosFrameNames
 from tfbus.ros.bridge.legs import LEAST_READER_DEPTH, Leg, RosPublisher, RosTopic
 from tfbus.ros.bridge.topic_table import TopicLine
@@ -268,9 +268,8 @@ class TopicBridge:
     table has. In ROS it looks for topics that the bus subscribes to, and for names in the table.
     No message comes back to where it is from: own ones do not, neither by the bus nor by ROS, and
     messages of another bridge are left out if this side has their source. `names` are the names of
-    frames in messages: on the bus and in ROS the same, without it. `seniors()` are the bridges
-    between the same bus and the same ROS that were there before: this one does not send their
-    topics.
+    frames in messages: on the bus and in ROS the same, without it. It does not send the topics of
+    other `bridges` between the same bus and the same ROS that were there before.
     """
 
     def __init__(
@@ -283,7 +282,7 @@ class TopicBridge:
         from_ros: bool,
         ros_namespace: str,
         log: logging.Logger,
-        seniors: Callable[[], Collection[RosBridge]] = lambda: (),
+        bridges: Bridges | None = None,
         names: RosFrameNames | None = None,
     ) -> None:
         self._node = node
@@ -294,7 +293,7 @@ class TopicBridge:
         self._is_from_ros = from_ros
         self._above = f"/{ros_namespace}" if ros_namespace else ""
         self._log = log
-        self._seniors = seniors
+        self._bridges = bridges
         self._once = LogOnce(log)
         self._lock = threading.Lock()
         self._topics: dict[str, _Topic] = {}
@@ -365,9 +364,8 @@ class TopicBridge:
         elif topic.line is not None and topic.line.counterpart != line.counterpart:
             topic.close()
         topic.line = line
-        topic.poll(
-            info, bridges, self._seniors(), to_ros=self._is_to_ros, from_ros=self._is_from_ros
-        )
+        seniors = self._bridges.seniors if self._bridges is not None else ()
+        topic.poll(info, bridges, seniors, to_ros=self._is_to_ros, from_ros=self._is_from_ros)
 
     def _line(self, name: str, info: TopicInfo, topic: "_Topic | None") -> TopicLine | None:
         """The line for a topic; None if it does not cross."""

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import Any
 
 from tfbus.base import scheduler
@@ -149,7 +150,7 @@ class RosGraph:
             for (name, gid), untold in self._untold.items():
                 if name == topic and (token := self._token_of(untold, there)):
                     found.append(RosPublisher(gid, there[token].node))
-        return sorted(found, key=lambda each: each.gid)
+        return sorted(found, key=attrgetter("gid"))
 
     def _token_of(self, untold: _Untold, there: dict[str, RosPublisher]) -> str:
         """The token of a gid that has none of its own, "" if that is not known."""

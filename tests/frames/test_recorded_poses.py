@@ -133,6 +133,23 @@ def test_a_restart_takes_none_of_the_poses_before_it(tmp_path: Path) -> None:
     assert (len(before), len(behind)) == (48, 30)
 
 
+def test_a_static_set_holds_while_nothing_comes_until_it_is_replaced(tmp_path: Path) -> None:
+    """A node that has crashed starts again 4 s later, with its sensor under another name."""
+    again = publisher("sim", 6.9)
+    path = write(
+        tmp_path / "crashed.mcap",
+        steadily(SIM, 0.0, 3.0, ("world", "base")),
+        statics(SIM, 0.0, ("base", "lidar", 0.5)),
+        steadily(again, 7.0, 9.0, ("world", "base")),
+        statics(again, 7.0, ("base", "scanner", 0.7)),
+    )
+    with Recording(path) as recording:
+        for known_s in (2.0, 3.5, 6.5):
+            found = recording.lookup_transform("base", "lidar", at(known_s))
+            assert found.transform.x == 0.5
+        assert recording.lookup_transform("base", "scanner", at(7.5)).transform.x == 0.7
+
+
 def test_stamps_that_are_years_apart_are_found_soon(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

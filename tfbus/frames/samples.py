@@ -333,20 +333,47 @@ class RecordedSamples:
         return sorted((self._stamp_at(log_ns, exact=exact), log_ns) for log_ns in changes)
 
     def _stamp_at(self, log_ns: int, *, exact: bool) -> int:
-        """The newest stamp that had been received at a log time."""
+        """The stamp of a log time: the newest that had been received. If nothing had come for a
+        while, so much later, but before the next one.
+        """
         last = np.array([chunk.to_ns for chunk in self._chunks], np.int64)
         first = np.array([chunk.from_ns for chunk in self._chunks], np.int64)
-        before = self._last[(last <= log_ns)[self._chunk]]
-        newest = int(before.max()) if len(before) else FIRST_NS
-        if exact:
-            for number in np.flatnonzero((first <= log_ns) & (last > log_ns)).tolist():
-                chunk = self._chunks[number]
-                dynamic = self._channels(chunk.part, self._table.keys.values())
-                for group in chunk.groups(dynamic):
-                    stamps = group.rows.stamps_ns().reshape(len(group.log_ns), -1)
-                    taken = stamps[np.array(group.log_ns) <= log_ns]
-                    newest = max(newest, int(taken.max())) if taken.size else newest
-        return newest
+        before = np.flatnonzero((last <= log_ns)[self._chunk])
+        latest = int(before[np.argmax(self._last[before])]) if len(before) else None
+        newest = FIRST_NS if latest is None else int(self._last[latest])
+        if not exact:
+            return newest
+        came_ns = None
+        behind = self._first[(first > log_ns)[self._chunk]]
+        next_ns = int(behind.min()) if len(behind) else LAST_NS
+        for number in np.flatnonzero((first <= log_ns) & (last > log_ns)).tolist():
+            for logs, stamps in self._received(number):
+                taken = logs <= log_ns
+                if taken.any() and stamps[taken].max() >= newest:
+                    newest = int(stamps[taken].max())
+                    came_ns = int(logs[taken & (stamps == newest)].max())
+                if not taken.all():
+                    next_ns = min(next_ns, int(stamps[~taken].min()))
+        if came_ns is None and latest is not None:
+            found = [
+                int(logs[stamps == newest].max())
+                for logs, stamps in self._received(int(self._chunk[latest]))
+                if (stamps == newest).any()
+            ]
+            came_ns = max(found, default=None)
+        if came_ns is None:
+            return newest
+        return max(newest, min(newest + log_ns - came_ns, next_ns - 1))
+
+    def _received(self, number: int) -> Iterator[tuple[Ints, Ints]]:
+        """The log times of the messages of a chunk, stream by stream, and the newest stamp of
+        each.
+        """
+        chunk = self._chunks[number]
+        for group in chunk.groups(self._channels(chunk.part, self._table.keys.values())):
+            stamps = group.rows.stamps_ns().reshape(len(group.log_ns), -1)
+            if stamps.size:
+                yield np.array(group.log_ns, np.int64), stamps.max(axis=1)
 
     # Building
 

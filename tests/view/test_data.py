@@ -658,6 +658,17 @@ def test_a_point_of_an_earlier_message_has_a_place_but_no_columns(buffer: Buffer
     assert point_at(layer, 3.0, 0.0) == PickedPoint("points", 0, places, {"ring": "8"})
 
 
+def test_a_topic_is_shown_ten_times_at_most() -> None:
+    """Each time costs a subscription, and any page of the view can ask for it."""
+    view = ViewState(ViewSettings(topics=(TopicSettings("points"),)))
+    for _ in range(20):
+        view.show_again("points")
+    assert [each.topic for each in view.settings.topics] == [
+        "points",
+        *(f"points#{number}" for number in range(2, 11)),
+    ]
+
+
 def test_a_topic_is_shown_twice_by_settings_of_each(buffer: Buffer) -> None:
     """One cloud by its height and by its intensity, and once again without the second name."""
     view = ViewState(ViewSettings(topics=(TopicSettings("points", color="height"),)))

@@ -26,11 +26,12 @@ def locked(folder: Path, *, waits: bool) -> Iterator[bool]:
     if os.name == "nt":  # which opens no folder
         yield True
         return
-    descriptor = os.open(folder, os.O_RDONLY)
+    descriptor, process = os.open(folder, os.O_RDONLY), os.getpid()
     try:
         yield _lock(descriptor, "LOCK_EX", waits=waits)
     finally:
-        _let_go(descriptor)
+        if os.getpid() == process:  # not a forked child, which would let go of its parent's
+            _let_go(descriptor)
         os.close(descriptor)
 
 

@@ -6,6 +6,7 @@ link, which has no certificate.
 """
 
 import json
+import os
 from contextlib import ExitStack, suppress
 
 import zenoh
@@ -24,7 +25,7 @@ def open_alone(config: zenoh.Config) -> zenoh.Session:
     """Open a client that is linked to a router of its endpoints or, if none answers, to none; it
     tries them again for ever.
 
-    Raises ZError, as for any client, where there are no sockets in files.
+    Raises ZError, as for any client, on other systems than Linux.
     """
     from tempfile import TemporaryDirectory  # which few sessions need
 
@@ -32,7 +33,10 @@ def open_alone(config: zenoh.Config) -> zenoh.Session:
         router = None
         with suppress(OSError, zenoh.ZError):
             folder = ends.enter_context(TemporaryDirectory(prefix="tfbus"))
-            endpoint = f"{_OF_THIS_HOST}/{folder}/router"
+            # The client tries this endpoint, too, for as long as it lives. By the open folder it
+            # is nobody else's: in a folder that was removed none can listen. So it stays open.
+            opened_folder = os.open(folder, os.O_RDONLY)
+            endpoint = f"{_OF_THIS_HOST}//proc/self/fd/{opened_folder}/router"
             router = ends.enter_context(zenoh.open(_router_at(endpoint)))
             _add(config, _ENDPOINTS, endpoint)
             if json.loads(config.get_json(_LINK_PROTOCOLS)):  # else it has all

@@ -79,7 +79,7 @@ class Session(NetworkSession):
         """Open the session.
 
         A client waits for its router for at most `patience_s` seconds, or if it `opens_alone` not
-        at all, where there are sockets in files: not on Windows. A peer opens alone after
+        at all, on Linux. A peer opens alone after
         `scouting_s` seconds without others (None: as configured). The second session of a process
         has an id of its own, and listens on other ports. Raises BusError if it cannot join the
         bus, as in a fork of a process that had joined it.

@@ -473,7 +473,7 @@ class RecordedData:
         return self._past_frames.buffer
 
     def _new_waiting(self, topic: str, message_type: type) -> Waiting:
-        waiting = Waiting(message_type, self._replay.frame_names(self._topics[topic_of(topic)]))
+        waiting = Waiting(message_type, self._replay.frame_names(self._topics[self._own(topic)]))
         if message_type is messages.CameraInfo:
             selection = Selection(topics=(self._full_name(topic),))
             last = next(self._files.messages_before(self._cursor.at_ns, selection), None)
@@ -499,7 +499,11 @@ class RecordedData:
                     waiting.put(message)
 
     def _full_name(self, topic: str) -> str:
-        return self._names[topic_of(topic)]
+        return self._names[self._own(topic)]
+
+    def _own(self, topic: str) -> str:
+        """The topic of the recording that is shown by this name."""
+        return topic if topic in self._names else topic_of(topic)
 
     def _message(self, topic: str, message_type: type, item: TopicItem) -> Any:
         try:

@@ -7,7 +7,6 @@ import threading
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import cached_property, lru_cache
-from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -111,8 +110,14 @@ class TopicSettings:
         return red, green, blue
 
 
+# A topic is shown so often, each time by settings of its own.
+MOST_TIMES = 10
+
+
 def topic_of(name: str) -> str:
-    """The topic of settings by their name: `points` of `points#2`; no topic has a # of its own."""
+    """The topic of settings by their name: `points` of `points#2`. No topic of the bus has a # of
+    its own; some of others' recordings do.
+    """
     return name.partition("#")[0]
 
 
@@ -473,11 +478,13 @@ class ViewState:
             self.settings = replace(self.settings, topics=(*others, changed))
 
     def show_again(self, topic: str) -> None:
-        """Show a topic once more, at first by the settings that it has here."""
+        """Show a topic once more, at first by the settings that it has here; at most ten times."""
         with self._lock:
             taken = {each.topic for each in self.settings.topics}
-            names = (f"{topic_of(topic)}#{number}" for number in count(2))
-            name = next(each for each in names if each not in taken)
+            names = (f"{topic_of(topic)}#{number}" for number in range(2, MOST_TIMES + 1))
+            name = next((each for each in names if each not in taken), None)
+            if name is None:
+                return
             again = replace(self.settings.of_topic(topic), topic=name)
             self.settings = replace(self.settings, topics=(*self.settings.topics, again))
 

@@ -112,7 +112,8 @@ class DataScenes:
             drawn = {name: info for name, info in self._all.items() if drawn_type(info)}
             topics = dict(sorted(drawn.items())[:MOST_TOPICS])
             named = {each.topic: topics.get(topic_of(each.topic)) for each in settings.topics}
-            self.topics = topics | {name: info for name, info in named.items() if info}
+            again = [(name, info) for name, info in named.items() if info and name not in topics]
+            self.topics = topics | dict(again[:MOST_TOPICS])
         if not self._has_warned and scheduler.monotonic() - self._since_s >= _ABSENT_AFTER_S:
             self._has_warned = True
             self.warn_of([topic for topic in shown if topic not in self.topics])
@@ -229,7 +230,7 @@ class DataScenes:
                 self._log.warning("Topic %r is not drawn: %s", topic, why)
 
     def _why_not_drawn(self, topic: str) -> str:
-        info = self._all.get(topic_of(topic))
+        info = self._all.get(topic) or self._all.get(topic_of(topic))
         if topic not in self.topics and info is not None and info.publishers:
             types = listed(sorted({printable(end.type) for end in info.publishers}), most=3)
             return f"it has {types}, which the view does not draw"

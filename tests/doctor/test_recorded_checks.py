@@ -159,3 +159,19 @@ def test_the_remedy_for_a_publisher_that_left_is_by_what_is_known(
     finding = findings(tmp_path, items)["gone"]
     assert finding.verdict == "warn"
     assert remedy in finding.remedy
+
+
+def test_the_logs_to_look_at_are_named_once(tmp_path: Path) -> None:
+    """A publisher that was restarted, and left for good later, has one remedy for both."""
+    items = [
+        described(SIM, 0.0, ("world", "base", False)),
+        *steadily(SIM, 0.0, 10.0, ("world", "base")),
+        gone(SIM, 10.0),
+        described(AGAIN, 12.0, ("world", "base", False)),
+        *steadily(AGAIN, 12.0, 14.0, ("world", "base")),
+        gone(AGAIN, 14.0),
+        *steadily(publisher("other"), 10.0, 15.0, ("world", "other")),
+    ]
+    finding = findings(tmp_path, items)["gone"]
+    assert len(finding.evidence) == 2
+    assert finding.remedy.count("its log") == 1 and "or its link was cut" in finding.remedy

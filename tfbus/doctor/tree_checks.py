@@ -22,6 +22,7 @@ _NAMED = 5
 
 _NO_FRAME = "no frame was found"
 _WHY_ENDED = "see why its node ended: its log, and its host's"
+_WHETHER_ENDED = "see whether its node ended (its log, and its host's), or its link was cut"
 
 # Of a stream that began again and again so many times are named.
 _MOST_TIMES = 5
@@ -170,6 +171,8 @@ def check_gone(seen: Examination) -> Finding:
         return _of_tree(seen, "gone", "warn")
     gone = filter(_is_gone, span.passing)
     remedies = dict.fromkeys(_on_gone(seen, span, each) for each in gone)
+    if _WHETHER_ENDED in remedies:
+        remedies.pop(_WHY_ENDED, None)  # the same two logs answer both
     return _of_tree(seen, "gone", "warn", "; ".join(remedies))
 
 
@@ -182,7 +185,7 @@ def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str
     epoch.
     """
     if gone.until_ns is None:
-        return "see whether its node ended (its log, and its host's), or its link was cut"
+        return _WHETHER_ENDED
     frames = [seen.tree.frames.get(name) for name in gone.problem.frames]
     streams = {frame.authority for frame in frames if frame is not None}
     begun = [log_ns for name in streams for log_ns in span.restarts.get(name, ())]

@@ -191,12 +191,15 @@ def test_a_mistake_is_a_usage_error(bus: Bus, arguments: tuple[str, ...], messag
 
 
 def test_without_a_robot_it_says_so(bus: Bus) -> None:
-    """A bus without a robot in a namespace exits with 1, and names nodes that are in none."""
+    """A bus without a robot in a namespace exits with 1, and names nodes that are in none, but no
+    tools.
+    """
+    bus.node("_echo_1")
     assert "is a node running" in bus.run("fleet").stderr
     bus.node("tower")
     done = bus.run("fleet")
     assert (done.returncode, done.stdout) == (1, "")
-    assert "/tower is in none" in done.stderr and "--namespace" in done.stderr
+    assert ": /tower is in none" in done.stderr and "--namespace" in done.stderr
     assert "/tower is in none" in bus.run_in_terminal("fleet", "--watch", until="is in none")
 
 

@@ -140,9 +140,12 @@ def _show(
 
 
 def _no_robot(moment: BusMoment) -> str:
-    """The sentence if there is none; nodes in no namespace below are none."""
+    """The sentence if there is none; nodes in no namespace below are none. Tools, whose names begin
+    with `_`, are not named.
+    """
     why = is_running("node")
-    if names := sorted(moment.node_names):
+    nodes = (name for name in moment.node_names if not name.rpartition("/")[2].startswith("_"))
+    if names := sorted(nodes):
         why = f"{listed(names, most=2)} {'is' if len(names) == 1 else 'are'} in none"
     return f"no robot in a namespace below: {why} (tfbus NODE --namespace robot7)"
 

@@ -23,6 +23,19 @@ def test_the_first_of_a_kind_is_logged_and_all_are_counted(
     assert once.counts == {"refused": 3, "dropped": 1}
 
 
+@pytest.mark.parametrize("end", [".", "?", "!"])
+def test_a_line_that_has_its_mark_gets_no_full_stop(
+    caplog: pytest.LogCaptureFixture, end: str
+) -> None:
+    """The mark is in the text, or in the value at its end."""
+    once = LogOnce(logging.getLogger("test"))
+    once.warning("text", f"Refused a frame{end}")
+    once.warning("value", "Refused: %s", f"a frame{end}")
+    text, value = caplog.messages
+    assert text.startswith(f"Refused a frame{end} Further ones ")
+    assert value.startswith(f"Refused: a frame{end} Further ones ")
+
+
 def test_the_first_exception_of_a_kind_is_logged_with_its_traceback(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

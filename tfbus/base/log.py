@@ -126,7 +126,7 @@ class _StandardError(logging.StreamHandler):  # type: ignore[type-arg]  # generi
 # is as old as this. Until then further kinds are neither logged nor counted.
 _MOST_KINDS = 1000
 _MAKES_ROOM_AFTER_S = 600.0
-_FURTHER = ". Further ones are counted, not logged"
+_FURTHER = "Further ones are counted, not logged"
 
 
 class LogOnce:
@@ -183,7 +183,7 @@ class LogOnce:
             since = self._count(kind)
             begins_to_crowd = since is None and self._is_crowded_since_now(kind)
         if since is not None:
-            self._log.log(level, f"{text}{self._ending(since)}", *values, exc_info=exc_info)
+            self._log.log(level, f"{text}{self._ending(since, text, values)}", *values, exc_info=exc_info)
         elif begins_to_crowd:
             self._log.warning(
                 "More than %d lines like the last ones within %g s: the rest is left out",
@@ -221,7 +221,9 @@ class LogOnce:
         self._crowded_until_s = now_s + self._makes_room_after_s
         return True
 
-    def _ending(self, since: int) -> str:
+    def _ending(self, since: int, text: str, values: tuple[object, ...]) -> str:
         if self._again_s == math.inf:
-            return _FURTHER
+            # The mark may be the last value's, as of "did you mean 'lidar'?".
+            said = text % values if values else text
+            return f" {_FURTHER}" if said.endswith((".", "?", "!")) else f". {_FURTHER}"
         return f" ({since} times since the last line)" if since > 1 else ""

@@ -7,6 +7,7 @@ import pytest
 
 from tests.buses import keep_sending, send_static
 from tests.simulated_bus import Bus
+from tfbus import Transform, TransformBroadcaster, TransformStamped
 
 LATE_NS = 300_000_000
 
@@ -140,3 +141,27 @@ def test_stamps_of_another_clock_are_named(bus: Bus) -> None:
     assert re.search("stamps of 'base' .* another clock: .*--sim-time", report.stdout)
     delay = bus.run("topic", "delay", "tf/simulated", "--once")
     assert re.fullmatch("Warning: .* 'tf/simulated' .* another clock: .*--sim-time\n", delay.stderr)
+
+
+@pytest.mark.parametrize(("unit", "ns"), [("milliseconds", 10**6), ("microseconds", 10**3)])
+def test_stamps_in_another_unit_are_named(bus: Bus, unit: str, ns: int) -> None:
+    """Both tools that print ages say so in the words of `frames`, and suspect no other clock."""
+    node = bus.node("odometry")
+    broadcaster = TransformBroadcaster(node)
+
+    def send() -> None:
+        stamp_ns = node.now_ns() // ns
+        broadcaster.send_transform(
+            TransformStamped(stamp_ns, "world", "base", Transform.identity())
+        )
+
+    node.create_timer(0.02, send)
+    words = f"look like {unit}, and stamps are nanoseconds"
+    remedy = "stamp them with node.now_ns(), or tfbus.stamp_ns(SECONDS)"
+    frames = " ".join(bus.run("frames").stdout.split())
+    report = " ".join(bus.run("monitor", "world", "base", "--once").stdout.split())
+    delay = bus.run("topic", "delay", "tf/odometry", "--once")
+    assert words in frames
+    assert f"{words}: {remedy}" in report
+    assert delay.stderr == f"Warning: the stamps on 'tf/odometry' {words}: {remedy}\n"
+    assert "another clock" not in report

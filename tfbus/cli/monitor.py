@@ -213,7 +213,7 @@ def as_lines(report: Report, hint: str = "") -> list[str]:
         STREAMS,
         streams,
     )
-    return [*lines, *_dropped_lines(report), *_clock_lines(report), *_ahead_lines(report)]
+    return [*lines, *_dropped_lines(report), *_clock_lines(report), *_stamp_lines(report)]
 
 
 def _table(
@@ -290,29 +290,35 @@ def _wrapped(line: str) -> list[str]:
 
 
 def _clock_lines(report: Report) -> list[str]:
-    """A line that names the frames with ages that are none."""
-    odd = [each.name for each in report.edges() if is_another_time(report.tree.age_s(each))]
+    """A line that names the frames with ages that are none, by stamps that are."""
+    tree = report.tree
+    odd = [
+        each.name
+        for each in report.edges()
+        if is_another_time(tree.age_s(each)) and not tree.no_stamps(each)
+    ]
     if not odd:
         return []
     frames = listed([repr(_cut(name)) for name in odd])
-    question = whose_clock(is_simulated=report.tree.is_simulated)
+    question = whose_clock(is_simulated=tree.is_simulated)
     said = _wrapped(f"The stamps of {frames} are of another clock: {question}")
     return ["", *(paint(line, "bad") for line in said)]
 
 
-def _ahead_lines(report: Report) -> list[str]:
-    """The remedy for frames whose stamps are in the future."""
+def _stamp_lines(report: Report) -> list[str]:
+    """The remedy for frames whose stamps are in another unit, or in the future."""
+    tree = report.tree
     shown = {frame.name for frame in report.edges()}
-    problems = [
-        _wrapped(problem.text)
-        for problem in report.tree.problems()
-        if problem.kind == "ahead"
-        and shown.intersection(problem.frames)
-        and not any(
-            is_another_time(report.tree.age_s(report.tree.frames[name])) for name in problem.frames
-        )
-    ]
-    lines = list(itertools.chain.from_iterable(problems))
+    lines: list[str] = []
+    for problem in tree.problems():
+        if not shown.intersection(problem.frames):
+            continue
+        if problem.kind == "unit":
+            lines += _wrapped(f"{problem.text}: {problem.remedy}")
+        elif problem.kind == "ahead" and not any(
+            is_another_time(tree.age_s(tree.frames[name])) for name in problem.frames
+        ):
+            lines += _wrapped(problem.text)
     return ["", *(paint(line, "bad") for line in lines)] if lines else []
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from tfbus.base.clock import SYSTEM_CLOCK, Clock, Limit, Wake
-from tfbus.base.stamps import MOST_AHEAD_NS
+from tfbus.base.stamps import MOST_AHEAD_NS, is_of_simulated_clock, other_unit
 from tfbus.base.wording import counted
 from tfbus.recording.items import TopicItem
 from tfbus.streams.info import StreamInfo
@@ -76,6 +76,16 @@ def is_another_time(age_s: float | None) -> bool:
 def whose_clock(*, is_simulated: bool) -> str:
     """The question to ask about stamps of another clock than our own, which may be simulated."""
     return "is its node without --sim-time?" if is_simulated else ASK_IF_SIMULATED
+
+
+def why_no_stamp(stamp_ns: int, now_ns: int) -> str:
+    """Why a number is no stamp at this time: stamps like it "look like seconds", or "are 0"; "" for
+    nanoseconds. By a simulated time, which begins at 0, they are.
+    """
+    if stamp_ns == 0 and not is_of_simulated_clock(now_ns):
+        return "are 0"
+    unit = other_unit(stamp_ns, now_ns)
+    return f"look like {unit}" if unit else ""
 
 
 # The type of the clock's topic, whatever its name.

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Literal
 
 from tfbus.base.clock import Clock
-from tfbus.base.stamps import is_of_simulated_clock, other_unit
+from tfbus.base.stamps import other_unit
 from tfbus.base.wording import counted, duration, mistake_in, natural_order, printable, quoted
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
@@ -18,6 +18,7 @@ from tfbus.frames.clocks import (
     is_another_time,
     is_late,
     whose_clock,
+    why_no_stamp,
 )
 from tfbus.streams.info import StreamInfo
 from tfbus.wire.fleet import shared_name
@@ -183,15 +184,10 @@ class FrameTree:
         return delay_s if late else None
 
     def no_stamps(self, frame: FrameInfo) -> str:
-        """Why the stamps of a dynamic frame are none: "look like seconds", "are 0"; "" if they are
-        nanoseconds. By a simulated time, which begins at 0, they are.
-        """
+        """Why the stamps of a dynamic frame are none, as `why_no_stamp` says it; "" if they are."""
         if frame.static or frame.newest_ns is None or self.is_of_another_time(frame):
             return ""
-        if frame.newest_ns == 0 and not is_of_simulated_clock(self.recorded_ns):
-            return "are 0"
-        unit = other_unit(frame.newest_ns, self.recorded_ns)
-        return f"look like {unit}" if unit else ""
+        return why_no_stamp(frame.newest_ns, self.recorded_ns)
 
     def problems(self) -> list[Problem]:
         """The problems of the tree, the worst first."""

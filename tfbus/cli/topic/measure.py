@@ -33,7 +33,8 @@ from tfbus.cli.topic.source import (
 from tfbus.command.options import bus_options
 from tfbus.command.recordings import BagChoice, bag_options
 from tfbus.command.types import POSITIVE, TopicName
-from tfbus.frames.clocks import is_another_time, whose_clock
+from tfbus.frames.clocks import is_another_time, whose_clock, why_no_stamp
+from tfbus.frames.snapshot import REMEDIES
 from tfbus.frames.windows import MessageWindow, Spread, WindowReading, spread_of
 from tfbus.recording.items import TransformItem
 from tfbus.wire.codec import decode_map, stamp_in
@@ -446,12 +447,15 @@ class _Age:
     def __call__(self, payload: bytes) -> float | None:
         if (stamp_ns := self._stamp_of(payload)) is None:
             return None
-        age_s = (self._node.now_ns() - stamp_ns) / 1e9
+        now_ns = self._node.now_ns()
+        age_s = (now_ns - stamp_ns) / 1e9
         clock = self._node.clock
         if is_another_time(age_s) and clock.is_running and not self._has_warned:
             self._has_warned = True
-            question = whose_clock(is_simulated=clock.is_simulated)
-            warn(f"the stamps on {self._topic!r} are of another clock: {question}")
+            said = f"are of another clock: {whose_clock(is_simulated=clock.is_simulated)}"
+            if why := why_no_stamp(stamp_ns, now_ns):
+                said = f"{why}, and stamps are nanoseconds: {REMEDIES['unit']}"
+            warn(f"the stamps on {self._topic!r} {said}")
         return age_s
 
 

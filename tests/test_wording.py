@@ -14,6 +14,7 @@ from tfbus.base.wording import (
     cut_middle,
     did_you_mean,
     duration,
+    is_slip,
     listed,
     near_names,
     offset,
@@ -58,6 +59,26 @@ def test_an_unknown_name_is_answered_with_a_near_one_or_with_all() -> None:
     assert did_you_mean("x", ["pose", "color"]) == "; available: color, pose"
     assert did_you_mean("x", [], none=", nor any other") == ", nor any other"
     assert near_names("turtle", ["turtle1", "turtle2", "world"]) == ("turtle2", "turtle1")
+
+
+@pytest.mark.parametrize(
+    ("name", "other", "is_near"),
+    [
+        ("base_lnk", "base_link", True),
+        ("base_linkk", "base_link", True),
+        ("bsae_link", "base_link", True),
+        ("base_link", "base_link", False),
+        ("turtle1", "turtle2", False),
+        ("robot12", "robot21", False),
+        ("lidar", "lidar2", False),
+        ("wheel_l", "wheel_r", False),
+        ("base_link", "base_laser", False),
+        ("a", "ab", False),
+    ],
+)
+def test_a_slip_is_told_from_the_names_of_a_pair(name: str, other: str, is_near: bool) -> None:
+    """A letter is missing, too many, or swapped; no digit, and no other letter."""
+    assert is_slip(name, other) == is_slip(other, name) == is_near
 
 
 @pytest.mark.parametrize(

@@ -114,6 +114,14 @@ class TestProblems:
         assert (problem.kind, problem.frames) == ("disconnected", ("odom", "c"))
         assert "1 frame below it" in problem.text and "tree of 'map'" in problem.text
 
+    def test_a_misspelt_parent(self) -> None:
+        """The root of a separate tree that is a slip of a frame is named with that."""
+        buffer = buffer_of(("odom", "base_link"), ("odom", "cup"), ("base_lnk", "gripper"))
+        (problem,) = self.problems(buffer)
+        assert problem.text.endswith("; did you mean 'base_link' by 'base_lnk'?")
+        (problem,) = self.problems(buffer_of(("map", "turtle1"), ("map", "a"), ("turtle2", "b")))
+        assert problem.text.endswith(" to the tree of 'map'")
+
     def test_a_frame_alone(self) -> None:
         """A frame without any edge is an orphan if a living stream lists it."""
         buffer = buffer_of(("map", "a"), ("lost", "b"))

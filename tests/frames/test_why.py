@@ -142,6 +142,16 @@ class TestExplain:
         (remedy,) = report.remedies
         assert remedy.endswith("between 'world' and 'isle'")
 
+    def test_a_misspelt_parent_is_named_with_the_frame_that_is_like_it(
+        self, buffer: Buffer
+    ) -> None:
+        """Whichever of the two trees is asked from, before the advice to join them."""
+        static(buffer, "bsae", "gripper")
+        for asked in (("world", "gripper"), ("gripper", "world")):
+            question, join = ask(buffer, *asked).remedies
+            assert question == "did you mean 'base' by 'bsae'?"
+            assert join.startswith("publish a transform between ")
+
     def test_the_edge_that_starts_too_late_fails(self, buffer: Buffer) -> None:
         """A time before the oldest sample fails at the edges that do not reach back to it."""
         dynamic(buffer, "world", "base", oldest_s=9.0, newest_s=2.1)

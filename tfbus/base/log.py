@@ -183,7 +183,9 @@ class LogOnce:
             since = self._count(kind)
             begins_to_crowd = since is None and self._is_crowded_since_now(kind)
         if since is not None:
-            self._log.log(level, f"{text}{self._ending(since, text, values)}", *values, exc_info=exc_info)
+            self._log.log(
+                level, f"{text}{self._ending(since, text, values)}", *values, exc_info=exc_info
+            )
         elif begins_to_crowd:
             self._log.warning(
                 "More than %d lines like the last ones within %g s: the rest is left out",

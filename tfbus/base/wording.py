@@ -215,6 +215,21 @@ def near_names(name: str, known: Collection[str], *, most: int = 3) -> tuple[str
     return tuple(get_close_matches(name, likely, n=most))
 
 
+def is_slip(name: str, other: str) -> bool:
+    """Whether a name may be a slip of another that is in use too: a letter is missing or too many,
+    or letters are swapped. Names with other digits, or one other letter, are often of a pair:
+    `turtle1` and `turtle2`, `wheel_l` and `wheel_r`.
+    """
+    shorter, longer = sorted((name, other), key=len)
+    if len(shorter) < 3 or len(longer) - len(shorter) > 1 or name == other:
+        return False
+    if len(shorter) == len(longer):
+        is_near = sorted(name) == sorted(other)
+    else:
+        is_near = _letters_of_ends(shorter, longer) == len(shorter)
+    return is_near and re.sub(r"\D", "", name) == re.sub(r"\D", "", other)
+
+
 def _may_be_meant(one: str, other: str) -> bool:
     """Whether names begin alike, or have the same letters, or most of their ends: `room` is not a
     slip of `odom`, though three letters of four are in it.

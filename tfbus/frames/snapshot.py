@@ -7,7 +7,16 @@ from typing import Literal
 
 from tfbus.base.clock import Clock
 from tfbus.base.stamps import other_unit
-from tfbus.base.wording import counted, duration, mistake_in, natural_order, printable, quoted
+from tfbus.base.wording import (
+    counted,
+    duration,
+    is_slip,
+    mistake_in,
+    natural_order,
+    near_names,
+    printable,
+    quoted,
+)
 from tfbus.buffer.buffer import Buffer
 from tfbus.buffer.info import FrameInfo
 from tfbus.frames.clocks import (
@@ -31,6 +40,10 @@ ProblemKind = Literal[
 Claims = Mapping[str, list[tuple[str, StreamInfo]]]
 
 _NS_PER_S = 1e9
+
+# A misspelt parent makes one tree; where there are more than these, something else is wrong, and
+# names of thousands of frames would be compared with each root.
+_MOST_MISSPELT = 3
 
 
 # The remedies of problems that have none of their own; of stamps ahead or late the text says it.
@@ -90,6 +103,17 @@ class FrameTree:
     def roots(self) -> list[FrameInfo]:
         """The frames without a parent: the root of the largest tree first, then by name."""
         return [tree[0][1] for tree in self.trees]
+
+    def ask_if_slip(self, root: str, other: str) -> str:
+        """The question whether the root of one of two trees is a slip of a frame of the other; ""
+        if no name is near.
+        """
+        names = {tree[0][1].name: [each.name for _, each in tree] for tree in self.trees}
+        for name, apart in ((root, other), (other, root)):
+            likely = [each for each in names.get(apart, ()) if is_slip(name, each)]
+            if near := near_names(name, likely, most=1):
+                return f"did you mean {near[0]!r} by {name!r}?"
+        return ""
 
     def below(self, frame: str) -> list[str]:
         """All frames below this one, a parent always before its children."""
@@ -227,7 +251,7 @@ class FrameTree:
 
     def _disconnected(self) -> Iterator[Problem]:
         main, *others = [root.name for root in self.roots] or [""]
-        for name in others:
+        for at, name in enumerate(others):
             below = self.below(name)
             shared = shared_name(main, name)
             hint = remedy = ""
@@ -237,6 +261,8 @@ class FrameTree:
                     f"pass --shared {shared} if {shared!r} is one frame for all robots; if each "
                     "has its own, publish a transform to each from a frame that they share"
                 )
+            elif at < _MOST_MISSPELT and (question := self.ask_if_slip(name, main)):
+                hint = f"; {question}"
             if below:
                 yield Problem(
                     "disconnected",
@@ -246,7 +272,7 @@ class FrameTree:
                     remedy,
                 )
             else:
-                text = f"{name!r} is alone: no transform joins it to another frame"
+                text = f"{name!r} is alone: no transform joins it to another frame{hint}"
                 yield Problem("orphan", (name,), text, remedy)
 
     def _silent(self) -> Iterator[Problem]:

@@ -178,7 +178,7 @@ def explain(
     remedies = [
         *_remedies_of_rights(tree, error, reads_only),
         *_remedies_of_unreadable(tree, error),
-        *_remedies_of(error, frames_in_other_namespaces, advice),
+        *_remedies_of(tree, error, frames_in_other_namespaces, advice),
         *(step.remedy for step in steps if step.verdict == "fail"),
         *(step.remedy for step in steps if step.verdict == "warn"),
         *_remedies_of_problems(tree, near, error, advice),
@@ -327,6 +327,7 @@ def _skew(stream: StreamInfo) -> str:
 
 
 def _remedies_of(
+    tree: FrameTree,
     error: TransformException | None,
     frames_in_other_namespaces: Collection[tuple[str, str]],
     advice: Advice,
@@ -341,6 +342,8 @@ def _remedies_of(
     if isinstance(error, ConnectivityException) and error.target_root != error.source_root:
         if name := shared_name(error.target_root, error.source_root):
             yield f"if the robots share {name!r}, pass --shared {name}"
+        else:
+            yield tree.ask_if_slip(error.source_root, error.target_root)
         yield advice.on_apart(error.target_root, error.source_root)
 
 

@@ -20,7 +20,17 @@ from typing import Any
 
 from talk import answer, retained
 from tfbus_wire import open_session
-from zenoh import CongestionControl, Priority, Reply, ReplyKeyExpr, Sample, SampleKind, Session, ext
+from zenoh import (
+    CongestionControl,
+    Priority,
+    Reply,
+    ReplyKeyExpr,
+    Sample,
+    SampleKind,
+    Session,
+    Timestamp,
+    ext,
+)
 
 
 def main() -> None:
@@ -40,7 +50,7 @@ def main() -> None:
 
 def from_bus(session: Session, program: subprocess.Popen[str]) -> None:
     """Write to the program what comes, and ten times a second the time."""
-    lock, given = threading.Lock(), program.stdin
+    lock, given = threading.RLock(), program.stdin
     assert given
 
     def write(line: str) -> None:
@@ -49,8 +59,17 @@ def from_bus(session: Session, program: subprocess.Popen[str]) -> None:
                 given.write(line + "\n")
                 given.flush()
 
+    newest: dict[str, Timestamp] = {}
+
     def on_sample(sample: Sample) -> None:
-        write(f"message {sample.payload.to_bytes().hex()} {sample.key_expr}")
+        key, stamp = str(sample.key_expr), sample.timestamp
+        with lock:
+            # What is retained comes by queries too, and the answer may be the older one.
+            if stamp is not None and key in newest and stamp < newest[key]:
+                return
+            if stamp is not None:
+                newest[key] = stamp
+            write(f"message {sample.payload.to_bytes().hex()} {key}")
 
     def on_reply(reply: Reply) -> None:
         if reply.ok:

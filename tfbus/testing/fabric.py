@@ -10,6 +10,7 @@ from typing import Any
 
 import zenoh
 
+from tfbus.bus.settings import network_of
 from tfbus.testing import publications
 from tfbus.testing.callers import Handler
 from tfbus.testing.links import LEASE_S, Face, LinkLane, Meeting, Paths, foreign_place
@@ -107,6 +108,7 @@ class Fabric:
             zid=f"a{process.urandom(15).hex()}",
             connect=tuple(settings.connect),
             listen=tuple(settings.listen),
+            has_bad_network=network_of(settings.network).is_bad,
         )
         if place := foreign_place(session):
             raise zenoh.ZError(f"Can not listen on {place}: Cannot assign requested address")

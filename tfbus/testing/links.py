@@ -34,6 +34,12 @@ _LONGEST_RESEND_S = 60.0
 _URGENT_BYTES = 8 * 65536
 _OTHER_BYTES = 2 * 65536
 
+# On a bad network it holds so much of others; a message of more bytes than a packet is dropped if
+# it has not all found room after this time, and what the link has carried of it is lost.
+PACKET_BYTES = 1380
+_FRAGMENTS_BYTES = 16 * PACKET_BYTES
+_FRAGMENTS_WAIT_S = 0.05
+
 
 @dataclass
 class LinkPath:
@@ -81,9 +87,9 @@ class Paths:
 
 
 class _Packet(NamedTuple):
-    """A call on its way; urgent packets go first, then in the order of `place`."""
+    """A call on its way; calls of the lowest rank go first, then in the order of `place`."""
 
-    is_other: bool
+    rank: int
     place: int
     call: Callable[[], object]
     size: int
@@ -92,7 +98,8 @@ class _Packet(NamedTuple):
 class LinkLane:
     """A direction of a link: calls that arrive at its far end, all of them if it `is_reliable`.
 
-    They arrive in their order, but urgent ones overtake others that wait for the bandwidth.
+    They arrive in their order, but urgent ones, of rank 0, overtake others of a higher rank that
+    wait for the bandwidth.
     """
 
     def __init__(self, tasks: Tasks, path: LinkPath, *, is_reliable: bool = True) -> None:
@@ -129,15 +136,26 @@ class LinkLane:
     def _repeats_s(self) -> float:
         return max(0, self.due_ns - self._tasks.now_ns) / 1e9
 
-    def has_room(self, urgent: bool) -> bool:
+    def has_room(self, rank: int) -> bool:
         """Whether a message that may be dropped is sent."""
-        waiting = itertools.chain(self._waiting, self._held.values())
-        backlog = sum(packet.size for packet in waiting if packet.is_other is not urgent)
-        return backlog < (_URGENT_BYTES if urgent else _OTHER_BYTES)
+        return self._backlog(rank) < (_OTHER_BYTES if rank else _URGENT_BYTES)
 
-    def send(self, call: Callable[[], object], size: int = 100, *, is_urgent: bool = True) -> None:
+    def bytes_carried(self, size: int, rank: int) -> int:
+        """How much of a message in fragments is carried, on a bad network, before it is dropped:
+        all of it is if the others of its rank leave it room in time.
+        """
+        room = _FRAGMENTS_BYTES - self._backlog(rank)
+        rate = self.path.bytes_a_second
+        return max(0, min(size, room + round(_FRAGMENTS_WAIT_S * rate))) if rate else size
+
+    def _backlog(self, rank: int) -> int:
+        """The bytes that wait and are as urgent as messages of a rank, or as little."""
+        waiting = itertools.chain(self._waiting, self._held.values())
+        return sum(packet.size for packet in waiting if bool(packet.rank) is bool(rank))
+
+    def send(self, call: Callable[[], object], size: int = 100, *, rank: int = 0) -> None:
         """Make a call at the far end, once it has arrived there."""
-        packet = _Packet(not is_urgent, next(self._places), call, size)
+        packet = _Packet(rank, next(self._places), call, size)
         if self.path.bytes_a_second or self._waiting:
             heapq.heappush(self._waiting, packet)
             self._send_next()
@@ -248,17 +266,15 @@ class Face:
         self.declared, self._told, self.asked = former.declared, former._told, former.asked
         self.session.declarations.move(former, self)
 
-    def send(
-        self, call: Callable[["Face"], object], size: int = 100, *, is_urgent: bool = True
-    ) -> None:
-        """Make `call(far end)` there, in the order of the calls that are as urgent."""
+    def send(self, call: Callable[["Face"], object], size: int = 100, *, rank: int = 0) -> None:
+        """Make `call(far end)` there, in the order of the calls of its rank."""
         far = self.far
 
         def arrive() -> None:
             if far.is_open and not far.is_deaf:
                 call(far)
 
-        self.lane.send(lambda: far.session.process.receive(arrive), size, is_urgent=is_urgent)
+        self.lane.send(lambda: far.session.process.receive(arrive), size, rank=rank)
 
     def tell(self, kind: str, key: str, change: int) -> None:
         """Count a declaration more, or less: the far end hears of the first and of the last."""

@@ -15,6 +15,7 @@ import zenoh
 
 from tfbus.testing.callers import Handler, Reply, Sample, Source, guarded
 from tfbus.testing.declarations import QUERYABLE, SUBSCRIBER, Undeclarable, intersect
+from tfbus.testing.links import PACKET_BYTES
 from tfbus.testing.queries import Query
 from tfbus.testing.routing import Journey
 from tfbus.testing.tasks import SimulationOver
@@ -35,13 +36,13 @@ class SentMessage:
     """A message on its way: `must_arrive` if it waits for room on a link."""
 
     def __init__(
-        self, full: str, data: bytes, source: Source | None, *, must_arrive: bool, is_urgent: bool
+        self, full: str, data: bytes, source: Source | None, *, must_arrive: bool, rank: int
     ) -> None:
         self.full = full
         self.data = data
         self.source = source
         self.must_arrive = must_arrive
-        self.is_urgent = is_urgent
+        self.rank = rank
 
 
 class _Subscriber:
@@ -101,10 +102,10 @@ class Publications:
         """A message comes in by a face: routers pass it on."""
         session = self._session
         for way, onwards in session.routing.ways(SUBSCRIBER, message.full, journey, face):
-            if way.lane.has_room(message.is_urgent):
-                self._pass_on(way, message, onwards)
-            else:
+            if self._drops(way, message):
                 session.fabric.dropped += 1
+            else:
+                self._pass_on(way, message, onwards)
         if self._of(message.full):
             session.callers.post(face, lambda: self._deliver(message, is_remote=True))
 
@@ -114,24 +115,33 @@ class Publications:
         def receive(far: "Face") -> None:
             far.session.publications.receive(far, message, journey)
 
-        face.send(receive, size, is_urgent=message.is_urgent)
+        face.send(receive, size, rank=message.rank)
 
     def _has_room(self, face: "Face", message: SentMessage) -> bool:
         """Whether a link takes a message, after a wait if it must arrive."""
         session = self._session
-        if face.lane.has_room(message.is_urgent):
-            return True
         if not message.must_arrive:
-            session.fabric.dropped += 1
-            return False
+            is_dropped = self._drops(face, message)
+            session.fabric.dropped += is_dropped
+            return not is_dropped
         waited_s = 0.0
-        while not face.lane.has_room(message.is_urgent) and face.is_open:
+        while not face.lane.has_room(message.rank) and face.is_open:
             session.tasks.wait("room on a link", _LOOK_FOR_ROOM_S)
             waited_s += _LOOK_FOR_ROOM_S
             if waited_s > _CLOSE_AFTER_S:
                 session.fabric.lose(face)
                 return False
         return True
+
+    def _drops(self, face: "Face", message: SentMessage) -> bool:
+        """Whether a link drops a message; on a bad network it carries a part of a large one."""
+        size = len(message.data) + _AROUND
+        if not self._session.has_bad_network or size <= PACKET_BYTES:
+            return not face.lane.has_room(message.rank)
+        carried = face.lane.bytes_carried(size, message.rank)
+        if 0 < carried < size:
+            face.send(lambda far: None, carried, rank=message.rank)
+        return carried < size
 
     def _deliver(self, message: SentMessage, *, is_remote: bool) -> None:
         seen = self._session.names.seen(message.full)

@@ -114,13 +114,13 @@ class Cancellation:
 
 
 class _AskedQuestion:
-    """The key, parameters and payload of a query; whether it, and its answers, are urgent."""
+    """The key, parameters and payload of a query; the rank of it, and of its answers."""
 
-    def __init__(self, full: str, parameters: str, payload: bytes | None, is_urgent: bool) -> None:
+    def __init__(self, full: str, parameters: str, payload: bytes | None, rank: int) -> None:
         self.full = full
         self.parameters = parameters
         self.payload = payload
-        self.is_urgent = is_urgent
+        self.rank = rank
 
 
 class _Queryable:
@@ -167,7 +167,7 @@ class Queries:
         timeout_s: float | None,
         also_here: bool,
         cancellation: Cancellation | None = None,
-        is_urgent: bool = False,
+        rank: int = 1,
     ) -> None:
         """Ask all that serve a key."""
         session = self._session
@@ -188,7 +188,7 @@ class Queries:
             cancellation.asked.append(asked)
         here = object()
         asked.waits_for.add(here)
-        question = _AskedQuestion(full, parameters, payload, is_urgent)
+        question = _AskedQuestion(full, parameters, payload, rank)
         for way in session.routing.ways(QUERYABLE, full):
             self._pass_on(way, asked, question)
         if also_here:
@@ -237,7 +237,7 @@ class Queries:
         def receive(far: "Face") -> None:
             far.session.queries.receive(far, number, question, journey)
 
-        face.send(receive, size, is_urgent=question.is_urgent)
+        face.send(receive, size, rank=question.rank)
 
     def receive(
         self, face: "Face", number: int, question: _AskedQuestion, journey: Journey
@@ -251,12 +251,12 @@ class Queries:
             def receive(far: "Face") -> None:
                 far.session.queries.receive_reply(far, number, reply)
 
-            face.send(receive, size, is_urgent=question.is_urgent)
+            face.send(receive, size, rank=question.rank)
 
         def send_end() -> None:
             face.send(
                 lambda far: far.session.queries.receive_end(far, number),
-                is_urgent=question.is_urgent,
+                rank=question.rank,
             )
 
         asked = Asked(self, next(self._numbers), send_reply, send_end)

@@ -121,8 +121,9 @@ class Scout:
 _CLOSED = "session closed"
 
 
-def _is_urgent(priority: Any) -> bool:
-    return priority in (zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.REAL_TIME)
+def _rank(priority: Any) -> int:
+    """The rank of a message or query: 0 urgent, 1 others."""
+    return 0 if priority in (zenoh.Priority.INTERACTIVE_HIGH, zenoh.Priority.REAL_TIME) else 1
 
 
 class ZenohSession:
@@ -138,6 +139,7 @@ class ZenohSession:
         zid: str,
         connect: tuple[str, ...],
         listen: tuple[str, ...],
+        has_bad_network: bool = False,
     ) -> None:
         self.fabric = fabric
         self.tasks: Tasks = fabric.tasks
@@ -145,6 +147,7 @@ class ZenohSession:
         self.mode = mode
         self.zid_text = zid
         self.connect, self.listen = connect, listen
+        self.has_bad_network = has_bad_network
         self.names = SessionNames(namespace)
         # The links of the session, by the session at the far end of each.
         self.faces: dict[ZenohSession, Face] = {}
@@ -226,7 +229,7 @@ class ZenohSession:
             bytes(payload),
             source_info,
             must_arrive=congestion_control == zenoh.CongestionControl.BLOCK,
-            is_urgent=_is_urgent(priority),
+            rank=2 if priority == zenoh.Priority.BACKGROUND else _rank(priority),
         )
         also_here = allowed_destination != zenoh.Locality.REMOTE
         self.publications.send(message, also_here=also_here)
@@ -254,7 +257,7 @@ class ZenohSession:
             timeout_s=timeout,
             also_here=allowed_destination != zenoh.Locality.REMOTE,
             cancellation=cancellation_token,
-            is_urgent=_is_urgent(priority),
+            rank=_rank(priority),
         )
 
     def liveliness(self) -> Liveliness:

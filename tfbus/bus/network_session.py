@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import zenoh
 
@@ -26,6 +26,9 @@ from tfbus.bus.zenoh_library import (
     first_sentence,
 )
 from tfbus.wire.limits import Limits, kind_of
+
+if TYPE_CHECKING:
+    from tfbus.bus.large_messages import NewestLarge
 
 # A publisher that is sending when it ends ends as soon as that is done; or with its session.
 _TRY_AGAIN_S = 0.001
@@ -143,8 +146,8 @@ class HeardWatch(_MatchWatch):
 
 
 class BytesPublisher(Declaration):
-    """Sends payloads on one key. With `put_below`, by which they come after those of other keys, it
-    sends all from the first one of LARGE_BYTES on: so none overtakes another of its key.
+    """Sends payloads on one key. By `below` they come after those of other keys: by it go all from
+    the first one of LARGE_BYTES on, so that none overtakes another of its key.
     """
 
     def __init__(
@@ -154,14 +157,14 @@ class BytesPublisher(Declaration):
         limits: Limits,
         node: str = "",
         *,
-        put_below: Callable[[bytes], None] | None = None,
+        below: "NewestLarge | None" = None,
     ):
         super().__init__(publisher)
         self._node = node
         self._key = key
         self._limits = limits
         self._most = limits.limit_of(kind_of(key))
-        self._put_below = put_below
+        self._below = below
         self._is_large = False
 
     @property
@@ -178,9 +181,9 @@ class BytesPublisher(Declaration):
             mistake = self._limits.mistake_in(kind_of(self._key), len(payload))
             raise BusError(f"could not publish {self._key}: {mistake}")
         put = self._declared.put
-        if self._put_below is not None and not isinstance(self._declared, _Ended):
+        if self._below is not None and not isinstance(self._declared, _Ended):
             self._is_large = self._is_large or len(payload) >= LARGE_BYTES
-            put = self._put_below if self._is_large else put
+            put = self._below.put if self._is_large else put
         try:
             put(payload)
         except zenoh.ZError as error:
@@ -193,6 +196,8 @@ class BytesPublisher(Declaration):
             return
         # First, so that no further message begins: Zenoh ends no publisher that is sending.
         self._declared = _Ended()
+        if self._below is not None:
+            self._below.close()
         pause = scheduler.Event()
         for _ in range(_MOST_TRIES):
             try:

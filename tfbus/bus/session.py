@@ -60,7 +60,7 @@ _LONGEST_QUERY_S = 1e9
 # `living_later` says whether one is there.
 ENDS_LATE_S = 10.0
 
-QueryPriority = Literal["urgent", "usual", "background"]
+QueryPriority = Literal["urgent", "usual", "low", "background"]
 
 
 class Session(NetworkSession):
@@ -258,14 +258,12 @@ class Session(NetworkSession):
                 key, congestion_control=drop, priority=_priority(urgent), **self._lossy(urgent)
             )
 
-        def put_below(payload: bytes) -> None:
-            low = zenoh.Priority.DATA_LOW
-            at.zenoh.put(key, payload, congestion_control=drop, priority=low)
+        below = None
+        if self.network.is_bad and not urgent:
+            from tfbus.bus.large_messages import NewestLarge  # which few processes need
 
-        limits, name = self.settings.limits, self.settings.name
-        has_last = self.network.is_bad and not urgent
-        below = put_below if has_last else None
-        return BytesPublisher(key, publisher, limits, name, put_below=below)
+            below = NewestLarge(at, key)
+        return BytesPublisher(key, publisher, self.settings.limits, self.settings.name, below=below)
 
     def publishers_within(self, expression: str, *, urgent: bool = False) -> PublishersWithin:
         """Publishers of many keys within a key expression, each as `publisher` makes them."""
@@ -289,6 +287,8 @@ class Session(NetworkSession):
     def _query_priority(self, priority: QueryPriority) -> zenoh.Priority | None:
         if priority == "background":
             return zenoh.Priority.BACKGROUND
+        if priority == "low":
+            return zenoh.Priority.DATA_LOW
         return self.retained_priority if priority == "urgent" and self.network.is_bad else None
 
     def watch_heard(self, key: str) -> HeardWatch:
@@ -394,8 +394,9 @@ class Session(NetworkSession):
     ) -> None:
         """Ask as `ask` and return at once: `on_answer(answer)` is called for each answer, then
         `on_end()`. With `others` this session itself is not asked. On a bad network a query that is
-        `urgent` has the priority of retained messages; all else on the link goes before one in the
-        `background`, and its answers. `cancellation.cancel()` ends it.
+        `urgent` has the priority of retained messages; other topics go before one that is `low`,
+        all else on the link before one in the `background`, and before the answers of these.
+        `cancellation.cancel()` ends it.
         """
         within = self.placed((answers_at or key).partition("?")[0])[1]
         at, key = self.placed(key)

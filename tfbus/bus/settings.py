@@ -36,7 +36,8 @@ class Network(Struct):
     Between hosts TCP takes further bytes only while fewer than `unsent_bytes` wait in it:
     transforms come after these, and before all that waits in Zenoh. With `tcp_bytes` it has at
     most so many that have not arrived yet, repeats lost packets at a steady pace, and measures
-    the bandwidth instead of taking a loss for a full link.
+    the bandwidth instead of taking a loss for a full link. With `reads_large`, subscribers ask for
+    large messages of topics that do not come.
     """
 
     name: str
@@ -51,6 +52,7 @@ class Network(Struct):
     longest_s: float = 1.0
     unsent_bytes: int = 32768
     tcp_bytes: int = 0
+    reads_large: bool = False
 
     @property
     def is_bad(self) -> bool:
@@ -88,10 +90,11 @@ NETWORKS = {
             message_bytes=_MESSAGE,
             packet_bytes=_PACKET,
             # A send of fifty frames: it finds a place while images fill what TCP holds.
-            urgent_batches=4,
+            urgent_batches=6,
             open_s=2.0,
             retry_s=0.25,
             tcp_bytes=16384,
+            reads_large=True,
         ),
         Network(
             "satellite",
@@ -104,6 +107,7 @@ NETWORKS = {
             open_s=2.5,
             retry_s=0.25,
             tcp_bytes=32768,
+            reads_large=True,
         ),
     )
 }

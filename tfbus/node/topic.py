@@ -304,6 +304,10 @@ def _subscriber(
     *,
     others: bool = False,
 ) -> BytesSubscriber:
+    if not retained and session.network.reads_large:
+        from tfbus.bus.large_messages import ReadingSubscriber
+
+        return ReadingSubscriber(session, topic, callback, others=others)
     if not retained:
         return session.subscriber(topic, callback, others=others)
     from tfbus.bus.retained import declare_retained_subscriber

@@ -1,6 +1,7 @@
 """The frames at a moment of a recording: as a listener had them then."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -123,7 +124,37 @@ AS_DYNAMIC = [described(OTHER, 3.0, DYNAMIC), *steadily(OTHER, 3.1, 4.9, ("world
 NO_STATICS = statics(OTHER, 5.0, seq=1)
 SENT = [described(SIM, 0.0, DYNAMIC), *steadily(SIM, 0.0, 3.0, ("world", "a"))]
 SET = [described(SIM, 0.0, STATIC), statics(SIM, 0.0, ("world", "a", 1.0))]
+# Started again at 4 s.
+AGAIN = replace(SIM, epoch_ns=at(4.0))
+WITH_B = [
+    described(AGAIN, 4.0, ("world", "b", True)),
+    statics(AGAIN, 4.0, ("world", "b", 1.0)),
+]
 FATES: dict[str, tuple[list[Item], set[str]]] = {
+    "left behind by a restart": ([*SET, *WITH_B], {"a", "b", "world"}),
+    "left behind, and set again": (
+        [*SET, *WITH_B, statics(AGAIN, 4.5, ("world", "a", 3.0), ("world", "b", 1.0), seq=1)],
+        {"a", "b", "world"},
+    ),
+    "left behind, set again and removed": (
+        [
+            *SET,
+            *WITH_B,
+            statics(AGAIN, 4.5, ("world", "a", 3.0), ("world", "b", 1.0), seq=1),
+            statics(AGAIN, 5.0, ("world", "b", 1.0), seq=2),
+        ],
+        {"b", "world"},
+    ),
+    "left behind, sent as dynamic and removed": (
+        [
+            *SET,
+            described(AGAIN, 4.0, DYNAMIC, ("world", "b", True)),
+            statics(AGAIN, 4.0, ("world", "b", 1.0)),
+            *steadily(AGAIN, 4.0, 4.9, ("world", "a")),
+            described(AGAIN, 5.0, ("world", "b", True)),
+        ],
+        {"b", "world"},
+    ),
     "removed": ([*SENT, described(SIM, 4.0)], set()),
     "removed static": ([*SET, described(SIM, 4.0), statics(SIM, 4.0, seq=1)], set()),
     "moved": (

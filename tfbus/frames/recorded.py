@@ -143,7 +143,7 @@ class RecordedFrames:
         """Go to a log time. `buffer` is another one from then on."""
         from_ns = at_ns - int(self._cache_time_s * S)
         before: list[Item] = [event for event in self._events if event.log_ns < from_ns]
-        statics = self._source.state_at(from_ns - 1, self._selection).statics.values()
+        statics = self._source.state_at(from_ns - 1, self._selection).statics
         if self._lasting is not None:
             before += self._lasting.with_later(statics, from_ns - 1)
         else:
@@ -243,11 +243,12 @@ class RecordedFrames:
         yield from self._last_messages(stream.full_name, {frame}, min(before_ns, removed_ns + S))
         if removed_ns < before_ns:
             chosen, at_ns = Selection(streams=(stream.full_name,)), removed_ns
-            while item := self._source.state_at(at_ns, chosen).statics.get(stream.full_name):
-                if frame in self._children(item):
-                    yield item
-                    return
-                at_ns = item.log_ns - 1
+            while sets := self._source.state_at(at_ns, chosen).statics:
+                for item in sets:
+                    if frame in self._children(item):
+                        yield item
+                        return
+                at_ns = max(item.log_ns for item in sets) - 1
 
     def _placed(self) -> set[str]:
         """The frames that have a place in another one: a parent is known before it has one."""

@@ -70,6 +70,8 @@ class RecordedSamples:
         self._view = view or Viewpoint(None)
         self._lasting = LastingStatics(reader.first_statics()) if statics == "always" else None
         self._pauses = reader.pauses
+        # The chunks, by number, that have been read for the ends of a range.
+        self._tried: set[int] = set()
         self._chunks = list(reader.chunks)
         self._table = EdgeTable(reader, self._view)
         self._children: dict[str, int] = {}
@@ -97,11 +99,22 @@ class RecordedSamples:
     def range_of(self, child: str, runs: Collection[int]) -> tuple[int, int] | None:
         """The first and last stamp of a child frame in runs of these numbers."""
         number = self._children.get(child)
-        found = [(a, b) for of, run, a, b in self._segments if of == number and run in runs]
-        if not found:
-            return None
-        first = min(int(self._first[a:b].min()) for a, b in found)
-        return first, max(int(self._last[a:b].max()) for a, b in found)
+        while True:
+            rows = [
+                row
+                for of, run, start, end in self._segments
+                if of == number and run in runs
+                for row in range(start, end)
+            ]
+            if not rows:
+                return None
+            first = rows[int(np.argmin(self._first[rows]))]
+            last = rows[int(np.argmax(self._last[rows]))]
+            # That a chunk is damaged is known once it has been read.
+            self._read([row for row in (first, last) if self._chunk[row] not in self._tried], None)
+            self._tried.update(self._chunk[[first, last]].tolist())
+            if not self._drop_damaged():
+                return int(self._first[first]), int(self._last[last])
 
     def facts(self) -> list[EdgeFacts]:
         """The samples of each edge of each stream in each epoch, counted."""
@@ -305,7 +318,7 @@ class RecordedSamples:
         """The static sets in force at a stamp; if they always hold, with later ones."""
         at = bisect_left([stamp for stamp, _ in self._versions], stamp_ns)
         log_ns = self._versions[at - 1][1] if at else -1
-        found = list(self._reader.state_at(log_ns).statics.values()) if at else []
+        found = self._reader.state_at(log_ns).statics if at else []
         if self._lasting is not None:
             found = self._lasting.with_later(found, log_ns)
         return [item for each in found if (item := self._seen(each)) is not None]

@@ -2,13 +2,13 @@
 
 import heapq
 import os
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import accumulate
+from itertools import accumulate, chain
 from operator import attrgetter
 from pathlib import Path
 from typing import TypeVar
@@ -364,19 +364,19 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     def state_at(self, log_ns: int, selection: Selection = ALL) -> BusState:
         """The state at a log time, after the items of that time."""
-        state = BusState()
-        for event in self.events:
-            if event.log_ns > log_ns:
-                break
-            if selection.taken_of(event) is not None:
-                state.apply(event)
+        restarted = self._sets_of_restarted
         names = {
             channel.stream.name
             for part in self._parts
             for channel in part.stream_channels.values()
-            if channel.is_static and selection.takes_transforms(channel.stream.name, static=True)
+            if channel.is_static
+            and channel.stream.name not in restarted
+            and selection.takes_transforms(channel.stream.name, static=True)
         }
-        for item in self._last_statics(names, log_ns):
+        items: list[Item] = [*self.events, *chain.from_iterable(restarted.values())]
+        items = [item for item in items if item.log_ns <= log_ns]
+        state = BusState()
+        for item in sorted([*items, *self._last_statics(names, log_ns)], key=_log_ns):
             taken = selection.taken_of(item)
             if taken is not None:
                 state.apply(taken)
@@ -490,6 +490,29 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         came = [replace(item, log_ns=self._began_ns(item)) for item in found.values()]
         return sorted(came, key=_log_ns)
 
+    @cached_property
+    def _sets_of_restarted(self) -> dict[str, list[TransformItem]]:
+        """All static sets of the streams that have some of several epochs, in order of their log
+        times: what is left of a former epoch is known by all that came.
+        """
+        epochs: dict[str, set[int]] = defaultdict(set)
+        for part in self._parts:
+            for channel in part.stream_channels.values():
+                if channel.is_static:
+                    epochs[channel.stream.name].add(channel.stream.epoch_ns)
+        found: dict[str, list[TransformItem]] = {
+            name: [] for name, of_stream in epochs.items() if len(of_stream) > 1
+        }
+        times = {part.number: _change_times(part, found.keys()) for part in self._parts if found}
+        for chunk in self._chunks if found else ():
+            of_part = times[chunk.part.number]
+            at = bisect_left(of_part, chunk.from_ns)
+            if at < len(of_part) and of_part[at] <= chunk.to_ns:
+                for item, _ in chunk.statics():
+                    if item.stream.name in found:
+                        found[item.stream.name].append(item)
+        return {name: sorted(sets, key=_log_ns) for name, sets in found.items()}
+
     def _began_ns(self, item: TransformItem) -> int:
         """Since when a stream has had a static set, which may be repeated again and again."""
         times = self._static_changes.get(item.stream.name, [])
@@ -535,6 +558,16 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     if last is None or last.log_ns <= item.log_ns:
                         found[item.topic] = item
         return list(found.values())
+
+
+def _change_times(part: Part, streams: Collection[str]) -> list[int]:
+    """The log times at which these streams got another static set in a file."""
+    channels = part.stream_channels
+    return sorted(
+        log_ns
+        for number, log_ns in part.index.changes
+        if number in channels and channels[number].stream.name in streams
+    )
 
 
 def _covers(filled: EventItem, event: EventItem) -> bool:

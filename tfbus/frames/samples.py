@@ -70,7 +70,8 @@ class RecordedSamples:
         self._view = view or Viewpoint(None)
         self._lasting = LastingStatics(reader.first_statics()) if statics == "always" else None
         self._pauses = reader.pauses
-        # The chunks, by number, that have been read for the ends of a range.
+        # Chunks by number: that cannot be read, and that have been read for the ends of a range.
+        self._damaged: list[int] = []
         self._tried: set[int] = set()
         self._chunks = list(reader.chunks)
         self._table = EdgeTable(reader, self._view)
@@ -289,18 +290,18 @@ class RecordedSamples:
         return group if run.is_whole else _between(group, run)
 
     def _drop_damaged(self) -> bool:
-        """Forget the rows of chunks that could not be read; whether there were some."""
+        """Forget the rows of chunks that could not be read; whether there are new ones."""
         if not self._reader.is_damaged:
             return False
-        numbers = [
+        damaged = [
             number
             for number, chunk in enumerate(self._chunks)
             if chunk.part.file.is_damaged(chunk.offset)
         ]
-        is_damaged = np.isin(self._dynamic[:, 0], numbers)
-        if not is_damaged.any():
+        if damaged == self._damaged:
             return False
-        self._dynamic = self._dynamic[~is_damaged]
+        self._damaged = damaged
+        self._dynamic = self._dynamic[~np.isin(self._dynamic[:, 0], damaged)]
         self._sort()
         return True
 
@@ -338,9 +339,8 @@ class RecordedSamples:
         changes = {
             log_ns
             for part in self._reader.parts
-            for channel, log_ns in part.index.changes
-            if channel in part.stream_channels
-            and self._table.key(part.stream_channels[channel]) is not None
+            for channel, log_ns in part.static_times
+            if self._table.key(part.stream_channels[channel]) is not None
         }
         exact = len(changes) <= _MOST_EXACT_CHANGES
         return sorted((self._stamp_at(log_ns, exact=exact), log_ns) for log_ns in changes)

@@ -2,7 +2,7 @@
 
 import heapq
 import os
-from bisect import bisect_left, bisect_right
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -503,14 +503,9 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         found: dict[str, list[TransformItem]] = {
             name: [] for name, of_stream in epochs.items() if len(of_stream) > 1
         }
-        times = {part.number: _change_times(part, found.keys()) for part in self._parts if found}
-        for chunk in self._chunks if found else ():
-            of_part = times[chunk.part.number]
-            at = bisect_left(of_part, chunk.from_ns)
-            if at < len(of_part) and of_part[at] <= chunk.to_ns:
-                for item, _ in chunk.statics():
-                    if item.stream.name in found:
-                        found[item.stream.name].append(item)
+        for part in self._parts if found else ():
+            for item in part.changed_sets(found.keys()):
+                found[item.stream.name].append(item)
         return {name: sorted(sets, key=_log_ns) for name, sets in found.items()}
 
     def _began_ns(self, item: TransformItem) -> int:
@@ -558,16 +553,6 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     if last is None or last.log_ns <= item.log_ns:
                         found[item.topic] = item
         return list(found.values())
-
-
-def _change_times(part: Part, streams: Collection[str]) -> list[int]:
-    """The log times at which these streams got another static set in a file."""
-    channels = part.stream_channels
-    return sorted(
-        log_ns
-        for number, log_ns in part.index.changes
-        if number in channels and channels[number].stream.name in streams
-    )
 
 
 def _covers(filled: EventItem, event: EventItem) -> bool:

@@ -8,6 +8,7 @@ link, which has no certificate.
 import json
 import os
 from contextlib import ExitStack, suppress
+from tempfile import TemporaryDirectory
 
 import zenoh
 
@@ -27,8 +28,6 @@ def open_alone(config: zenoh.Config) -> zenoh.Session:
 
     Raises ZError, as for any client, on other systems than Linux.
     """
-    from tempfile import TemporaryDirectory  # which few sessions need
-
     with ExitStack() as ends:
         router = None
         with suppress(OSError, zenoh.ZError):

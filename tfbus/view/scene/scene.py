@@ -6,7 +6,7 @@ follow: browsers draw such batches, and names, one picture later than its move.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -318,8 +318,38 @@ _SIZE = 1.0 / 10.0
 _SIZE_OF_MANY = 0.5
 _LEAST_EXTENT_M = 1.0
 
+# Beside messages that are much larger, axes are at least this part of those, so that they are seen;
+# but at most this many times as long as among the frames alone, which they would hide.
+_SIZE_BESIDE_DATA = 1.0 / 25.0
+_MOST_BESIDE_DATA = 8.0
+
+# The part of points, along each axis, that a length leaves out as possibly wrong ones.
+_LEFT_OUT_PERCENT = 2.5
+
 # The grid fades out after this many cells.
 _CELLS = 60.0
+
+_UNSCALED = ViewSettings().scale
+
+
+class DataExtent:
+    """The size of all that is drawn of messages, `m`, in metres.
+
+    It only grows while the same topics are drawn, so that the axes and the grid do not jump with
+    each scan.
+    """
+
+    def __init__(self) -> None:
+        self.m = 0.0
+        self._topics: frozenset[str] = frozenset()
+
+    def see(self, xyz: Floats, topics: Iterable[str]) -> None:
+        """Take points (N, 3) of the messages of these topics."""
+        if (seen := frozenset(topics)) != self._topics:
+            self._topics, self.m = seen, 0.0
+        if len(xyz):
+            outer = (_LEFT_OUT_PERCENT, 100.0 - _LEFT_OUT_PERCENT)
+            self.m = max(self.m, float(np.ptp(np.percentile(xyz, outer, axis=0), axis=0).max()))
 
 
 class Scene:
@@ -332,6 +362,8 @@ class Scene:
         self._scene = scene
         self._size = 0.0
         self.size_m = 0.0
+        self._beside_m = 0.0
+        self._grid_for_m = 0.0
         self._axes = Axes(scene, on_select)
         self._arrows = Arrows(scene)
         self._trails = Trails(scene)
@@ -374,19 +406,31 @@ class Scene:
         self._trails.draw(trails)
         self._dress(settings)
 
-    def fit(self, placed: Placed, settings: ViewSettings, around_m: float) -> None:
-        """Take a length of axes that suits these frames, and other things of the size `around_m`;
-        it changes only when off by a factor of 2.
+    def fit(
+        self, placed: Placed, settings: ViewSettings, around_m: float, data_m: float = 0.0
+    ) -> None:
+        """Take a length of axes that suits these frames, other things of the size `around_m`, and
+        messages of the size `data_m`; and a grid. Each changes only when off by a factor of 2.
         """
-        shown_m = max(placed.extent_m(), around_m, _LEAST_EXTENT_M)
-        wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(len(placed.names), 1)))
-        if not wanted / 2.0 < self._size < wanted * 2.0:
+        # Axes that somebody has scaled are as long as wanted, whatever messages come.
+        if settings.scale == _UNSCALED:
+            self._beside_m = data_m
+        own_m = max(placed.extent_m(), around_m, _LEAST_EXTENT_M)
+        own = own_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(len(placed.names), 1)))
+        wanted = max(own, min(_SIZE_BESIDE_DATA * self._beside_m, _MOST_BESIDE_DATA * own))
+        if _is_off(self._size, wanted):
             self._size = wanted
-            # A power of ten gives some cells, but not too many to tell apart.
-            cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
-            self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
-            self._grid.fade_distance = _CELLS * cell_m
         self.size_m = self._size * settings.scale
+        self._fit_grid(max(own_m, data_m))
+
+    def _fit_grid(self, shown_m: float) -> None:
+        if not _is_off(self._grid_for_m, shown_m):
+            return
+        self._grid_for_m = shown_m
+        # A power of ten gives some cells, but not too many to tell apart.
+        cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
+        self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
+        self._grid.fade_distance = _CELLS * cell_m
 
     def _dress(self, settings: ViewSettings) -> None:
         if self._grid.visible != settings.grid:
@@ -402,6 +446,11 @@ class Scene:
         if len(rows) and not np.array_equal(self._marks.batched_colors, styling.mark_colors):
             self._marks.batched_colors = styling.mark_colors
         place(self._marks, xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)
+
+
+def _is_off(length: float, wanted: float) -> bool:
+    """Whether a length is no longer about the wanted one."""
+    return not wanted / 2.0 < length < wanted * 2.0
 
 
 # At most this many names are drawn at once.

@@ -566,7 +566,7 @@ def readable(
     """The names to write, by frame: none over another, none out of sight.
 
     First the selected frame, then stale, gone or conflicting ones, then names `shown` already, then
-    the nearest.
+    the nearest. A name that covers two others ends in "+2", if there is room for that.
     """
     rows = range(len(frames)) if settings.names else _selected(frames, settings.selected)
     if not rows:
@@ -580,30 +580,51 @@ def readable(
     for nearest in order:
         row = int(at[nearest])
         beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
-        if beside is None and len(written) == MOST_NAMES:
-            continue
         rows_here = sorted([*beside.rows, row]) if beside else [row]
-        pixel = beside.pixel if beside else pixels[nearest]
-        box = _box(pixel, _text([frames[row] for row in rows_here]))
-        if any(_overlap(box, one.box) for one in written if one is not beside):
-            continue
-        if beside:
+        left, top = pixels[nearest].tolist()
+        pixel = beside.pixel if beside else (left, top)
+        covered = beside.covered if beside else 0
+        box = _box(pixel, _text([frames[row] for row in rows_here], covered))
+        over = [one for one in written if one is not beside and _overlap(box, one.box)]
+        if over:
+            _cover([beside, *over] if beside else over, written, frames)
+        elif beside:
             beside.rows.append(row)
             beside.box = box
-        else:
+        elif len(written) < MOST_NAMES:
             written.append(_WrittenName([row], pixel, box))
     # Names in one label are in the order of the tree.
-    return {
-        frames[one.rows[0]].name: _text([frames[row] for row in sorted(one.rows)])
-        for one in written
-    }
+    return {frames[one.rows[0]].name: one.text(frames) for one in written}
+
+
+# Left and top; with right and bottom.
+Pixel = tuple[float, float]
+Box = tuple[float, float, float, float]
 
 
 @dataclass
 class _WrittenName:
+    """The name of frames at one place; `covered` others would lie below it, or beside too close."""
+
     rows: list[int]
-    pixel: Floats
-    box: Floats
+    pixel: Pixel
+    box: Box
+    covered: int = 0
+
+    def text(self, frames: Sequence[ViewFrame]) -> str:
+        return _text([frames[row] for row in sorted(self.rows)], self.covered)
+
+
+def _cover(
+    over: Sequence[_WrittenName], written: Sequence[_WrittenName], frames: Sequence[ViewFrame]
+) -> None:
+    """Count a frame without a name at the first of the names over it that has room for that."""
+    for one in over:
+        counted = replace(one, covered=one.covered + 1)
+        box = _box(one.pixel, counted.text(frames))
+        if not any(_overlap(box, other.box) for other in written if other is not one):
+            one.covered, one.box = counted.covered, box
+            return
 
 
 def _selected(frames: Sequence[ViewFrame], name: str) -> list[int]:
@@ -622,12 +643,12 @@ def _are_together(xyz: Floats, one: int, other: int, size: float) -> bool:
     return bool(np.abs(xyz[one] - xyz[other]).max() < size * _TOGETHER)
 
 
-def _text(frames: Sequence[ViewFrame]) -> str:
+def _text(frames: Sequence[ViewFrame], covered: int) -> str:
     names = [
         f"{_short(frame.name)} ({frame.state})" if frame.state in FAULTS else _short(frame.name)
         for frame in frames
     ]
-    return listed(names, most=_MOST_TOGETHER)
+    return listed(names, most=_MOST_TOGETHER) + (f" +{covered}" if covered else "")
 
 
 def _short(name: str) -> str:
@@ -636,11 +657,10 @@ def _short(name: str) -> str:
     return f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
 
 
-def _box(pixel: Floats, text: str) -> Floats:
-    """Left, top, right and bottom of a text that stands on a pixel."""
+def _box(pixel: Pixel, text: str) -> Box:
     half = (_LETTER * len(text) + _MARGIN) / 2.0
-    return np.array([pixel[0] - half, pixel[1] - _HEIGHT, pixel[0] + half, pixel[1]])
+    return pixel[0] - half, pixel[1] - _HEIGHT, pixel[0] + half, pixel[1]
 
 
-def _overlap(one: Floats, other: Floats) -> bool:
-    return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -1,7 +1,6 @@
 """Frames on the panel: their tree, the facts of the selected one, and how far two are apart."""
 
 import math
-import re
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
@@ -21,12 +20,8 @@ from tfbus.view.settings import NameFilter, Selections, ViewSettings, ViewState
 # More rows are slow to show; the filter narrows them.
 MOST_ROWS = 150
 
-# A rate, or a time in a reason, is rewritten only after a change by this part: rows that change
-# width jump, and a browser makes all rows anew for each change of one.
-_TOLERANCE = 0.15
-
-# A time in the words of the buffer, as of a stale frame, which grows all the time.
-_SECONDS = re.compile(r"\b(\d+\.\d+) s\b")
+# A rate is rewritten only after a change by this part: rows that change width jump.
+_RATE_TOLERANCE = 0.15
 
 
 class TreePanel:
@@ -46,7 +41,6 @@ class TreePanel:
         self._selections = selections
         self._browsers: dict[int, list[Html]] = {}
         self._rates: dict[str, float] = {}
-        self._reasons: dict[str, str] = {}
         self._listed: tuple[str, ...] = ()
         self._fixed = FrameDropdown(
             server.gui,
@@ -113,8 +107,7 @@ class TreePanel:
             rows[frame.name] = self._row(frame, settings)
             why = frame.unplaced if frame.depth == 0 else placed.missing.get(frame.name, "")
             if why:
-                said = self._reason(frame.name, why)
-                rows[f"/why/{frame.name}"] = f'<div class="tf-why tf-alarm">{escape(said)}</div>'
+                rows[f"/why/{frame.name}"] = f'<div class="tf-why tf-alarm">{escape(why)}</div>'
         if more := and_more(len(taken), MOST_ROWS):
             rows["/more"] = (
                 f'<div class="tf-dim">{more}: narrow them with <i>Only</i> in the tab View</div>'
@@ -148,27 +141,10 @@ class TreePanel:
         rate_hz = frame.info.rate_hz
         if rate_hz is None:
             return ""
-        if not _is_about(self._rates.get(frame.name, 0.0), rate_hz):
+        written = self._rates.get(frame.name, 0.0)
+        if abs(rate_hz - written) > _RATE_TOLERANCE * written:
             self._rates[frame.name] = rate_hz
         return rate_text(self._rates[frame.name])
-
-    def _reason(self, name: str, why: str) -> str:
-        """Why a frame has no place, as it was written last if that still holds about."""
-        if not _says_about(self._reasons.get(name, ""), why):
-            self._reasons[name] = why
-        return self._reasons[name]
-
-
-def _is_about(written: float, now: float) -> bool:
-    return abs(now - written) <= _TOLERANCE * written
-
-
-def _says_about(written: str, now: str) -> bool:
-    """Whether two texts differ in nothing but seconds, and these only a little."""
-    if _SECONDS.sub("", written) != _SECONDS.sub("", now):
-        return False
-    pairs = zip(_SECONDS.findall(written), _SECONDS.findall(now), strict=True)
-    return all(_is_about(float(before), float(after)) for before, after in pairs)
 
 
 # The tree has the height down to the end of the page while no frame is selected, and else the

@@ -1,6 +1,7 @@
 """Checks of the nodes, of the tree of frames, and of its readers."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 from tfbus.base.wording import counted, duration, listed, natural_order
 from tfbus.doctor.examination import (
@@ -99,11 +100,9 @@ def check_node_names(seen: Examination) -> Finding:
     places = defaultdict(list)
     for node in seen.nodes:
         places[node.name].append(f"{node.host}, pid {node.pid}")
-    doubled = [
-        f"{len(where)} nodes are called {name}: on {'; on '.join(where)}"
-        for name, where in places.items()
-        if len(where) > 1
-    ]
+    doubled = [_alike(name, where) for name, where in places.items() if len(where) > 1]
+    if (span := seen.span) is not None:
+        doubled = [f"{span.when(each)}, {_alike(each.node, each.places)}" for each in span.twins]
     count = sum(not _is_tool(node.name) for node in seen.nodes)
     if not doubled and not count:
         return skipped("no node was found")
@@ -113,6 +112,10 @@ def check_node_names(seen: Examination) -> Finding:
         "give each its own name (--name) or namespace (--namespace)",
         counted(count, "node"),
     )
+
+
+def _alike(name: str, places: Sequence[str]) -> str:
+    return f"{len(places)} nodes are called {name}: on {'; on '.join(places)}"
 
 
 @check("callbacks", needs="bus")
@@ -190,9 +193,11 @@ def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str
     streams = {frame.authority for frame in frames if frame is not None}
     begun = [log_ns for name in streams for log_ns in span.restarts.get(name, ())]
     # The first message comes some time after the node.
-    again = (each.from_ns for each in span.passing if _is_gone(each) and each != gone)
+    again = (each.from_ns or 0 for each in span.passing if _is_gone(each) and each != gone)
     next_ns = min((at_ns for at_ns in again if at_ns > gone.until_ns), default=None)
-    if any(gone.from_ns <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun):
+    if any(
+        (gone.from_ns or 0) <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun
+    ):
         return _WHY_ENDED
     return "check the link to its host: its node came back without a restart"
 

@@ -448,6 +448,18 @@ class RecordedFrames:
         known = self._streams.get(stream)
         return None if known is None else known.gone_ns
 
+    def described(self, stream: str, before_ns: int) -> dict[int, StreamDescription]:
+        """The last description of a stream before a log time, in each of its epochs."""
+        known = self._streams.get(stream)
+        name = "" if known is None else known.full_name
+        found = {}
+        for event in self._events:
+            if event.kind == "stream" and event.name == name and event.log_ns < before_ns:
+                description = _description_of(event)
+                if description is not None:
+                    found[description.epoch] = description
+        return found
+
     def said_gone(self, stream: str) -> str:
         """A clause that says since when the publisher of a stream was gone, "" if it is not."""
         gone_ns = self.gone_ns(stream)

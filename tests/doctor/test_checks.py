@@ -27,6 +27,7 @@ from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import (
     BufferDescription,
     DelayDescription,
+    FailureDescription,
     FilterDescription,
     NodeDescription,
 )
@@ -491,6 +492,19 @@ def test_tools_are_not_counted(healthy: Examination) -> None:
     seen = with_nodes(SIM, replace(SIM, name="/_doctor_1"))(healthy)
     assert CHECKS["nodes"](seen).evidence == ("1 node in namespace /",)
     assert CHECKS["node-names"](seen).evidence == ("1 node",)
+
+
+def test_a_callback_that_fails_is_named_for_a_minute(healthy: Examination) -> None:
+    """With its last exception; one that failed longer ago is no trouble any more."""
+    failure = FailureDescription("topic scan", 12, "ValueError: no scan", NOW_NS - 59 * NS)
+    finding = CHECKS["callbacks"](with_nodes(replace(SIM, failures=(failure,)))(healthy))
+    assert finding.verdict == "warn" and "log of the node" in finding.remedy
+    [evidence] = finding.evidence
+    assert evidence.startswith("/sim: the callback of topic scan failed 12 times, at last at 2022-")
+    assert evidence.endswith(": ValueError: no scan")
+    old = replace(failure, last_ns=NOW_NS - 61 * NS)
+    finding = CHECKS["callbacks"](with_nodes(replace(SIM, failures=(old,)))(healthy))
+    assert finding.verdict == "ok"
 
 
 def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:

@@ -194,6 +194,10 @@ class Examination:
         names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
+    def is_recent(self, at_ns: int) -> bool:
+        """Whether a time by a system's clock is one of the last minute, or unknown: 0."""
+        return not at_ns or self.moment.at_ns - at_ns < _RECENT_NS
+
     def _is_in_scope(self, node: str) -> bool:
         name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
@@ -214,6 +218,10 @@ def scope(namespace: str, *, is_fleet: bool) -> str:
     with all below it.
     """
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
+
+
+# What happened longer ago than this is over, unless it goes on.
+_RECENT_NS = 60_000_000_000
 
 
 Verdict = Literal["ok", "warn", "fail", "skipped"]

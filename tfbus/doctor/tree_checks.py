@@ -120,16 +120,25 @@ def _alike(name: str, places: Sequence[str]) -> str:
 
 @check("callbacks", needs="bus")
 def check_callbacks(seen: Examination) -> Finding:
-    """No callback holds up timers and topics of its node."""
+    """No callback raises exceptions, or holds up timers and topics of its node."""
     nodes = [node for node in seen.nodes if not _is_tool(node.name)]
     if not nodes:
         return skipped("no node was found")
-    return found(
-        "warn",
-        [f"{node.name}: {delay}" for node in nodes for delay in node.delays],
-        "let a callback that waits be an async def, or give it a callback group of its own",
-        counted(len(nodes), "node"),
-    )
+    failed = [
+        f"{node.name}: {failure}"
+        for node in nodes
+        for failure in node.failures
+        if seen.is_recent(failure.last_ns)
+    ]
+    held_up = [f"{node.name}: {delay}" for node in nodes for delay in node.delays]
+    remedies = [
+        "see the traceback in the log of the node" if failed else "",
+        "let a callback that waits be an async def, or give it a callback group of its own"
+        if held_up
+        else "",
+    ]
+    remedy = "; ".join(filter(None, remedies))
+    return found("warn", [*failed, *held_up], remedy, counted(len(nodes), "node"))
 
 
 @check("conflicts")

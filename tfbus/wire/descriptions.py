@@ -12,6 +12,7 @@ from tfbus.base.wording import (
     listed,
     mistake_in,
     printable,
+    wall,
 )
 from tfbus.geometry.packed import POSE_SIZE
 from tfbus.wire.codec import as_map, decode_message, encode_map
@@ -78,6 +79,26 @@ class DelayDescription(Struct):
         return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
 
 
+class FailureDescription(Struct):
+    """A callback of a node that raised `count` exceptions, the last, `error`, at `last_ns` by its
+    system's clock, in ns since the Unix epoch.
+    """
+
+    what: str
+    count: int
+    error: str
+    last_ns: int
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "what")
+        object.__setattr__(self, "error", printable(self.error, _LONGEST_TEXT))
+
+    def __str__(self) -> str:
+        """The count, as a sentence without its end."""
+        times, last = counted(self.count, "time"), wall(self.last_ns)
+        return f"the callback of {self.what} failed {times}, at last at {last}: {self.error}"
+
+
 class FilterDescription(Struct):
     """A subscription of a node whose messages wait for their transform into a frame.
 
@@ -119,9 +140,10 @@ class NodeDescription(Struct):
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are the `streams` with dynamic transforms that no process subscribes to, and
     `retained` the topics of `publishes` whose last message reaches late subscribers.
-    `delays` are its callbacks that held up others, and `filters` its subscriptions whose messages
-    wait for transforms. All names come as they can be printed. On a
-    closed bus `identity` is the node's, and `rights` a digest of the rights that it enforces.
+    `delays` are its callbacks that held up others, `failures` its callbacks that raised
+    exceptions, and `filters` its subscriptions whose messages wait for transforms. All names come
+    as they can be printed. On a closed bus `identity` is the node's, and `rights` a digest of the
+    rights that it enforces.
     """
 
     name: str
@@ -143,6 +165,7 @@ class NodeDescription(Struct):
     rights: str = ""
     delays: tuple[DelayDescription, ...] = ()
     filters: tuple[FilterDescription, ...] = ()
+    failures: tuple[FailureDescription, ...] = ()
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")

@@ -507,6 +507,15 @@ def test_a_callback_that_fails_is_named_for_a_minute(healthy: Examination) -> No
     assert finding.verdict == "ok"
 
 
+def test_lookups_in_another_unit_are_not_for_a_longer_cache(healthy: Examination) -> None:
+    """The evidence has the stamp and its unit."""
+    mistake = "the stamp 1670400300000 looks like milliseconds, but stamps are nanoseconds"
+    buffer = BufferDescription(10.0, mistaken=25, mistake=mistake)
+    finding = CHECKS["buffers"](with_nodes(replace(SIM, buffers=(buffer,)))(healthy))
+    assert finding.verdict == "warn" and "cache" not in finding.remedy
+    assert finding.evidence == (f"/sim: 25 lookups asked for a time that has no answer: {mistake}",)
+
+
 def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
     """It scouts as far as the system knows, and no link to it opens."""
     seen = with_host(scouts={SIM.pid: "sim", 42: "python"}, stopped=frozenset({42}))(healthy)

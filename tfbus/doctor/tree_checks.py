@@ -306,7 +306,7 @@ def check_unread(seen: Examination) -> Finding:
 
 @check("buffers", needs="bus")
 def check_buffers(seen: Examination) -> Finding:
-    """Buffers are long enough for their lookups."""
+    """Buffers are long enough for their lookups, which ask for times that can be."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
     if not buffers:
         return skipped("no node has a buffer")
@@ -317,12 +317,18 @@ def check_buffers(seen: Examination) -> Finding:
         for node, buffer in buffers
         if buffer.too_old
     ]
-    return found(
-        "warn",
-        short,
-        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
-        counted(len(buffers), "buffer"),
-    )
+    mistaken = [
+        f"{node.name}: {counted(buffer.mistaken, 'lookup')} asked for a time that has no answer: "
+        f"{buffer.mistake}"
+        for node, buffer in buffers
+        if buffer.mistaken
+    ]
+    remedies = [
+        "look up the stamps of messages, or node.now_ns()" if mistaken else "",
+        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner" if short else "",
+    ]
+    remedy = "; ".join(filter(None, remedies))
+    return found("warn", [*mistaken, *short], remedy, counted(len(buffers), "buffer"))
 
 
 @check("filters", needs="bus")

@@ -50,13 +50,19 @@ class BufferDescription(Struct):
     """A node's buffer: how long it keeps samples.
 
     `too_old` lookups asked for a time before that, by at most `missed_by_s`. Its listener dropped
-    `dropped` messages, as transforms came on too many keys.
+    `dropped` messages, as transforms came on too many keys. Of `mistaken` lookups the stamp was in
+    another unit or of another clock, as the sentence `mistake` says of the last.
     """
 
     cache_time_s: float
     too_old: int = 0
     missed_by_s: float = 0.0
     dropped: int = 0
+    mistaken: int = 0
+    mistake: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mistake", printable(self.mistake, _LONGEST_TEXT))
 
 
 class DelayDescription(Struct):

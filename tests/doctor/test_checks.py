@@ -507,6 +507,18 @@ def test_a_callback_that_fails_is_named_for_a_minute(healthy: Examination) -> No
     assert finding.verdict == "ok"
 
 
+def test_drops_of_a_filter_are_a_trouble_for_a_minute(healthy: Examination) -> None:
+    """Also the reason of the last is old news then."""
+    drops = FilterDescription("scan", "odom", 1, 7, {"too old": 3}, "frame 'laser', too old: x")
+
+    def verdict(last_ns: int) -> str:
+        node = replace(SIM, filters=(replace(drops, last_ns=last_ns),))
+        return CHECKS["filters"](with_nodes(node)(healthy)).verdict
+
+    assert verdict(NOW_NS - 59 * NS) == "warn"
+    assert verdict(NOW_NS - 61 * NS) == "ok"
+
+
 def test_lookups_in_another_unit_are_not_for_a_longer_cache(healthy: Examination) -> None:
     """The evidence has the stamp and its unit."""
     mistake = "the stamp 1670400300000 looks like milliseconds, but stamps are nanoseconds"

@@ -109,7 +109,8 @@ class FilterDescription(Struct):
     """A subscription of a node whose messages wait for their transform into a frame.
 
     `waiting` messages of the `topic` wait now, `passed` came with their transform, and `drops` did
-    not, by reason; `last` says why the last one was dropped. `sources` are frames of these.
+    not, by reason; `last` says why the last one was dropped, and `last_ns` when, by its system's
+    clock in ns since the Unix epoch, 0 if unknown. `sources` are frames of these.
     """
 
     topic: str
@@ -119,6 +120,7 @@ class FilterDescription(Struct):
     drops: dict[str, int] = field(default_factory=dict)
     last: str = ""
     sources: tuple[str, ...] = ()
+    last_ns: int = 0
 
     def __post_init__(self) -> None:
         _make_printable(self, "topic", "frame", "sources")
@@ -135,7 +137,8 @@ class FilterDescription(Struct):
         """The counts, as a sentence without its end."""
         reasons = listed([f"{count} {reason}" for reason, count in self.drops.items()])
         dropped = f", {self.dropped} dropped ({reasons})" if self.drops else ""
-        last = f"; the last: {self.last}" if self.last else ""
+        when = f" at {wall(self.last_ns)}" if self.last_ns else ""
+        last = f"; the last{when}: {self.last}" if self.last else ""
         counts = f"{self.passed} passed, {self.waiting} waiting{dropped}"
         return f"topic {self.topic} into {self.frame!r}: {counts}{last}"
 

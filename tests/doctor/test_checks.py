@@ -537,6 +537,17 @@ def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
     assert evidence.endswith("are stopped: python (pid 42)")
 
 
+def test_a_program_of_this_host_without_a_node_is_named(healthy: Examination) -> None:
+    """Some programs have a session and no node, such as a launch."""
+    finding = CHECKS["alone"](with_host(scouts={SIM.pid: "sim", 42: "tfbus"})(healthy))
+    assert finding.evidence == (
+        "scouting programs of this host with a node on this bus: 1 of 2",
+        "without one, as a launch: tfbus (pid 42)",
+    )
+    finding = CHECKS["alone"](with_host(scouts={SIM.pid: "sim"})(healthy))
+    assert finding.evidence == ("scouting programs of this host with a node on this bus: 1 of 1",)
+
+
 @pytest.mark.real
 def test_a_process_is_stopped_until_it_goes_on() -> None:
     """As SIGSTOP and SIGCONT say; one that has ended is not."""

@@ -499,3 +499,36 @@ def test_a_hint_says_when_a_frame_comes(recording: RecordingReader) -> None:
     frames.seek(at(3.0))
     assert frames.hint("late").startswith("'late' comes at +30.000s")
     assert frames.hint("base") == ""
+
+
+def test_each_frame_of_a_lost_publisher_stays_however_long_it_was_silent(tmp_path: Path) -> None:
+    """Also one that stopped long before the others of its stream."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(ARM, 0.0, ("base", "gripper", False), ("base", "camera", False)),
+        steadily(ARM, 0.0, 3.0, ("base", "gripper")),
+        steadily(ARM, 3.0, 18.0, ("base", "camera")),
+        gone(ARM, 18.0),
+        steadily(SIM, 0.0, 40.0, ("world", "base")),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(35.0))
+        now = states(frames)
+    assert now["gripper"] == now["camera"] == "gone"
+
+
+def test_a_frame_is_stale_until_it_comes_again_in_the_same_chunk(tmp_path: Path) -> None:
+    """Its last sample is in an earlier chunk than the moment, which its next sample is in too."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, *SIM_ROWS[:1]),
+        steadily(SIM, 0.0, 50.0, ("world", "base"), pause=(5.0, 40.0)),
+        described(ARM, 0.0, ("base", "arm", False)),
+        steadily(ARM, 0.0, 50.0, ("base", "arm")),
+        new_chunk_s=20.0,
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(35.0))
+        assert states(frames)["base"] == "stale"

@@ -187,10 +187,10 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     def last_chunks(
         self, stream: str, outside: Callable[[str], str], frames: set[str], before_ns: int
-    ) -> set[tuple[int, int]]:
-        """The log times, from and to, of the last chunks that begin before a time and have
-        transforms of these frames of a stream, by the index; `outside` gives the name of a frame
-        among `frames` for its name in the files.
+    ) -> dict[str, tuple[int, int]]:
+        """The log times, from and to, of the last chunk that begins before a time and has
+        transforms of a frame of a stream, by the index, for each of these frames that has one;
+        `outside` gives the name of a frame among `frames` for its name in the files.
         """
         last: dict[str, tuple[int, int]] = {}
         spans = {
@@ -217,7 +217,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                 name = edges[edge]
                 if span[0] < before_ns and (name not in last or span[1] > last[name][1]):
                     last[name] = span
-        return set(last.values())
+        return last
 
     def __exit__(self, *_: object) -> None:
         self.close()

@@ -1,5 +1,6 @@
 """Recordings for tests: items in a few words, and files of them."""
 
+import math
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
@@ -113,8 +114,10 @@ def steadily(
     ]
 
 
-def write(path: Path, *items: Item | Iterable[Item]) -> Path:
-    """A recording of these items, which may come in any order."""
+def write(path: Path, *items: Item | Iterable[Item], new_chunk_s: float = math.inf) -> Path:
+    """A recording of these items, which may come in any order; items from `new_chunk_s` on are in
+    a chunk of their own.
+    """
     module("mcap")
     from tfbus.recording.writer import RecordingWriter
 
@@ -122,7 +125,11 @@ def write(path: Path, *items: Item | Iterable[Item]) -> Path:
     for each in items:
         flat += [each] if isinstance(each, Item) else list(each)
     with RecordingWriter(path) as writer:
+        is_new = False
         for item in sorted(flat, key=lambda item: item.log_ns):
+            if not is_new and item.log_ns >= T0 + new_chunk_s * S:
+                writer.flush()
+                is_new = True
             writer.write(item)
     return path
 

@@ -1,14 +1,14 @@
 """A lock of a folder or file, which one process holds at a time."""
 
 import os
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import pytest
 
 from tests.fakes import InAThread
 from tfbus.base import scheduler
-from tfbus.base.file_lock import hold, is_held, let_go, locked
+from tfbus.base.file_lock import hold, is_held, locked
 
 
 def test_one_holds_it_at_a_time(tmp_path: Path) -> None:
@@ -44,9 +44,9 @@ def test_a_child_that_lives_on_keeps_no_lock(tmp_path: Path) -> None:
     """A file's lock is free once its holder let go, though a forked child has the file open."""
     path = tmp_path / "file"
     with path.open("xb") as file, closing(_Copy(file.fileno())):
-        hold(file)
+        let_go = hold(file)
         assert is_held(path)
-        let_go(file)
+        let_go()
         assert not is_held(path)
 
 
@@ -66,6 +66,25 @@ def test_a_child_that_lives_on_keeps_no_lock_of_a_folder(
         copy = _Copy(opened[0])
     with closing(copy), locked(tmp_path, waits=False) as again:
         assert again
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_child_that_ends_what_it_inherited_leaves_its_parent_the_locks(tmp_path: Path) -> None:
+    """The lock of a file, and the lock of a folder."""
+    path = tmp_path / "file"
+    with path.open("xb") as file, ExitStack() as ending:
+        let_go = hold(file)
+        ending.enter_context(locked(tmp_path, waits=False))
+        child = os.fork()
+        if child == 0:
+            let_go()
+            ending.close()
+            os._exit(0)
+        os.waitpid(child, 0)
+        assert is_held(path)
+        with locked(tmp_path, waits=False) as again:
+            assert not again
 
 
 def test_it_is_held_though_somebody_asked_at_that_instant(

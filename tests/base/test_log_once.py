@@ -36,6 +36,30 @@ def test_a_line_that_has_its_mark_gets_no_full_stop(
     assert value.startswith(f"Refused: a frame{end} Further ones ")
 
 
+@pytest.mark.parametrize("values", [(), ("lidar",), ("lidar", "camera", "radar")])
+def test_values_that_do_not_fit_their_text_raise_nothing(
+    capsys: pytest.CaptureFixture[str], values: tuple[str, ...]
+) -> None:
+    """Whoever logs goes on: logging itself writes of the mistake on stderr."""
+    log = logging.Logger("test")
+    log.addHandler(logging.StreamHandler())
+    LogOnce(log).warning("refused", "Refused %s of %s", *values)
+    assert "Refused %s of %s" in capsys.readouterr().err
+
+
+def test_a_value_that_cannot_be_printed_raises_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its error is one more line of logging's own."""
+
+    class Unprintable:
+        def __str__(self) -> str:
+            raise RuntimeError("no text")
+
+    log = logging.Logger("test")
+    log.addHandler(logging.StreamHandler())
+    LogOnce(log).warning("refused", "Refused %s", Unprintable())
+    assert "no text" in capsys.readouterr().err
+
+
 def test_the_first_exception_of_a_kind_is_logged_with_its_traceback(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

@@ -81,6 +81,24 @@ def test_lookups_that_a_longer_cache_would_answer_are_counted() -> None:
         assert ask(stamp_ns, source) == (3, 3 * S)
 
 
+def test_lookups_of_another_unit_or_clock_are_not_for_a_longer_cache() -> None:
+    """They are counted on their own, with what is wrong with the last stamp."""
+    now_ns = 1_790_000_000 * S
+    buffer, expired = Buffer(1.0), []
+    for tenths in range(12):
+        buffer.set_transform(moved(now_ns + tenths * S // 10, "world", "robot"))
+    for stamp_ns in (now_ns // 10**9, now_ns // 10**6, 0, 5 * S):
+        with pytest.raises(TransformException):
+            buffer.lookup_transform("world", "robot", stamp_ns)
+        expired.append(buffer.expired_lookups.mistake)
+    seconds, milliseconds, zero, clock = expired
+    assert "1790000000 looks like seconds, but stamps are nanoseconds" in seconds
+    assert "1790000000000 looks like milliseconds" in milliseconds
+    assert zero == "the stamp 0 is the year 1970, not the latest as in tf2; omit it for the latest"
+    assert "57 years later, so its stamps are of another clock; if one of the two" in clock
+    assert (buffer.expired_lookups.mistaken, buffer.expired_lookups.count) == (4, 0)
+
+
 def test_the_limit_grows_with_the_cache() -> None:
     """By default it is ten thousand samples a second; less than one is refused."""
     assert store_of(Buffer()).tree.max_samples == 100_000

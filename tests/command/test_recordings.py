@@ -8,7 +8,8 @@ from click.testing import CliRunner
 
 from tests.recordings import at, publisher, steadily, write
 from tfbus.base.errors import TfbusError
-from tfbus.command.recordings import BagChoice, bag_options, open_recording, wall
+from tfbus.base.wording import wall
+from tfbus.command.recordings import BagChoice, bag_options, open_recording
 from tfbus.command.types import parse_moment
 
 

@@ -27,6 +27,7 @@ from tfbus.streams.info import StreamInfo
 from tfbus.wire.descriptions import (
     BufferDescription,
     DelayDescription,
+    FailureDescription,
     FilterDescription,
     NodeDescription,
 )
@@ -493,6 +494,40 @@ def test_tools_are_not_counted(healthy: Examination) -> None:
     assert CHECKS["node-names"](seen).evidence == ("1 node",)
 
 
+def test_a_callback_that_fails_is_named_for_a_minute(healthy: Examination) -> None:
+    """With its last exception; one that failed longer ago is no trouble any more."""
+    failure = FailureDescription("topic scan", 12, "ValueError: no scan", NOW_NS - 59 * NS)
+    finding = CHECKS["callbacks"](with_nodes(replace(SIM, failures=(failure,)))(healthy))
+    assert finding.verdict == "warn" and "log of the node" in finding.remedy
+    [evidence] = finding.evidence
+    assert evidence.startswith("/sim: the callback of topic scan failed 12 times, at last at 2022-")
+    assert evidence.endswith(": ValueError: no scan")
+    old = replace(failure, last_ns=NOW_NS - 61 * NS)
+    finding = CHECKS["callbacks"](with_nodes(replace(SIM, failures=(old,)))(healthy))
+    assert finding.verdict == "ok"
+
+
+def test_drops_of_a_filter_are_a_trouble_for_a_minute(healthy: Examination) -> None:
+    """Also the reason of the last is old news then."""
+    drops = FilterDescription("scan", "odom", 1, 7, {"too old": 3}, "frame 'laser', too old: x")
+
+    def verdict(last_ns: int) -> str:
+        node = replace(SIM, filters=(replace(drops, last_ns=last_ns),))
+        return CHECKS["filters"](with_nodes(node)(healthy)).verdict
+
+    assert verdict(NOW_NS - 59 * NS) == "warn"
+    assert verdict(NOW_NS - 61 * NS) == "ok"
+
+
+def test_lookups_in_another_unit_are_not_for_a_longer_cache(healthy: Examination) -> None:
+    """The evidence has the stamp and its unit."""
+    mistake = "the stamp 1670400300000 looks like milliseconds, but stamps are nanoseconds"
+    buffer = BufferDescription(10.0, mistaken=25, mistake=mistake)
+    finding = CHECKS["buffers"](with_nodes(replace(SIM, buffers=(buffer,)))(healthy))
+    assert finding.verdict == "warn" and "cache" not in finding.remedy
+    assert finding.evidence == (f"/sim: 25 lookups asked for a time that has no answer: {mistake}",)
+
+
 def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
     """It scouts as far as the system knows, and no link to it opens."""
     seen = with_host(scouts={SIM.pid: "sim", 42: "python"}, stopped=frozenset({42}))(healthy)
@@ -500,6 +535,17 @@ def test_a_stopped_program_of_this_host_is_named(healthy: Examination) -> None:
     assert finding.verdict == "warn"
     (evidence,) = finding.evidence
     assert evidence.endswith("are stopped: python (pid 42)")
+
+
+def test_a_program_of_this_host_without_a_node_is_named(healthy: Examination) -> None:
+    """Some programs have a session and no node, such as a launch."""
+    finding = CHECKS["alone"](with_host(scouts={SIM.pid: "sim", 42: "tfbus"})(healthy))
+    assert finding.evidence == (
+        "scouting programs of this host with a node on this bus: 1 of 2",
+        "without one, as a launch: tfbus (pid 42)",
+    )
+    finding = CHECKS["alone"](with_host(scouts={SIM.pid: "sim"})(healthy))
+    assert finding.evidence == ("scouting programs of this host with a node on this bus: 1 of 1",)
 
 
 @pytest.mark.real

@@ -32,6 +32,8 @@ CLOCK_JUMPED = [
     for number in range(200)
 ]
 
+TWIN = publisher("sim", 5.0)
+
 TROUBLE: dict[str, tuple[list[Item], str]] = {
     "complete": (
         [*HEALTHY, EventItem(at(5.0), "dropped", "", {"messages": 7})],
@@ -45,6 +47,14 @@ TROUBLE: dict[str, tuple[list[Item], str]] = {
             gone(BAD, 8.0),
         ],
         "from +5.000s to +8.000s, 'base' is published by several at once",
+    ),
+    "node-names": (
+        [
+            *HEALTHY,
+            described(TWIN, 5.0, ("world", "base", False), ("base", "laser", True), pid=8),
+            *steadily(TWIN, 5.0, 12.0, ("world", "base")),
+        ],
+        "from +5.005s to +11.905s, 2 nodes are called /sim: on robot, pid 7; on robot, pid 8",
     ),
     "loops": (
         [*HEALTHY, described(BAD, 5.0, ("laser", "world", False)), gone(BAD, 9.0)],
@@ -80,12 +90,12 @@ TROUBLE: dict[str, tuple[list[Item], str]] = {
 }
 
 
-def findings(tmp_path: Path, items: Iterable[Item]) -> dict[str, Finding]:
+def findings(tmp_path: Path, items: Iterable[Item], from_s: float = 0.0) -> dict[str, Finding]:
     with RecordingReader(write(tmp_path / "run.mcap", items)) as reader:
         seen = examine_recorded(
             RecordedFrames(reader),
             NodeSettings("doctor"),
-            reader.start_ns,
+            max(reader.start_ns, at(from_s)),
             reader.end_ns,
         )
     return examined(seen)
@@ -175,3 +185,44 @@ def test_the_logs_to_look_at_are_named_once(tmp_path: Path) -> None:
     finding = findings(tmp_path, items)["gone"]
     assert len(finding.evidence) == 2
     assert finding.remedy.count("its log") == 1 and "or its link was cut" in finding.remedy
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("gone", "from +3.000s on, the publisher of 'cup' is gone"),
+        ("conflicts", "from before +8.000s to +9.000s, 'base' is published by several at once"),
+        ("node-names", "from before +8.000s to +11.905s, 2 nodes are called /sim"),
+    ],
+)
+def test_a_trouble_of_before_the_span_does_not_begin_with_it(
+    tmp_path: Path, name: str, text: str
+) -> None:
+    """Its true time is said, or that it was before; and nothing was restarted at the beginning."""
+    cup = publisher("cup")
+    items = [
+        *TROUBLE["node-names"][0],
+        described(cup, 0.0, ("base", "cup", False)),
+        *steadily(cup, 0.0, 3.0, ("base", "cup")),
+        gone(cup, 3.0),
+        described(BAD, 6.0, ("world", "base", False)),
+        gone(BAD, 9.0),
+    ]
+    found = findings(tmp_path, items, 8.0)
+    assert found[name].evidence[0].startswith(text)
+    assert found["restarts"].verdict == "ok"
+
+
+def test_a_publisher_that_was_away_at_the_beginning_of_the_span_was_restarted(
+    tmp_path: Path,
+) -> None:
+    """Only its later run sent in the span."""
+    items = [
+        described(SIM, 0.0, ("world", "base", False)),
+        *steadily(SIM, 0.0, 5.0, ("world", "base")),
+        gone(SIM, 5.0),
+        described(AGAIN, 12.0, ("world", "base", False)),
+        *steadily(AGAIN, 12.0, 14.0, ("world", "base")),
+    ]
+    [evidence] = findings(tmp_path, items, 8.0)["restarts"].evidence
+    assert evidence.startswith("/sim on robot, pid 7 began again at +12.005s")

@@ -1,6 +1,7 @@
 """The frames at a moment of a recording: as a listener had them then."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -123,7 +124,37 @@ AS_DYNAMIC = [described(OTHER, 3.0, DYNAMIC), *steadily(OTHER, 3.1, 4.9, ("world
 NO_STATICS = statics(OTHER, 5.0, seq=1)
 SENT = [described(SIM, 0.0, DYNAMIC), *steadily(SIM, 0.0, 3.0, ("world", "a"))]
 SET = [described(SIM, 0.0, STATIC), statics(SIM, 0.0, ("world", "a", 1.0))]
+# Started again at 4 s.
+AGAIN = replace(SIM, epoch_ns=at(4.0))
+WITH_B = [
+    described(AGAIN, 4.0, ("world", "b", True)),
+    statics(AGAIN, 4.0, ("world", "b", 1.0)),
+]
 FATES: dict[str, tuple[list[Item], set[str]]] = {
+    "left behind by a restart": ([*SET, *WITH_B], {"a", "b", "world"}),
+    "left behind, and set again": (
+        [*SET, *WITH_B, statics(AGAIN, 4.5, ("world", "a", 3.0), ("world", "b", 1.0), seq=1)],
+        {"a", "b", "world"},
+    ),
+    "left behind, set again and removed": (
+        [
+            *SET,
+            *WITH_B,
+            statics(AGAIN, 4.5, ("world", "a", 3.0), ("world", "b", 1.0), seq=1),
+            statics(AGAIN, 5.0, ("world", "b", 1.0), seq=2),
+        ],
+        {"b", "world"},
+    ),
+    "left behind, sent as dynamic and removed": (
+        [
+            *SET,
+            described(AGAIN, 4.0, DYNAMIC, ("world", "b", True)),
+            statics(AGAIN, 4.0, ("world", "b", 1.0)),
+            *steadily(AGAIN, 4.0, 4.9, ("world", "a")),
+            described(AGAIN, 5.0, ("world", "b", True)),
+        ],
+        {"b", "world"},
+    ),
     "removed": ([*SENT, described(SIM, 4.0)], set()),
     "removed static": ([*SET, described(SIM, 4.0), statics(SIM, 4.0, seq=1)], set()),
     "moved": (
@@ -468,3 +499,36 @@ def test_a_hint_says_when_a_frame_comes(recording: RecordingReader) -> None:
     frames.seek(at(3.0))
     assert frames.hint("late").startswith("'late' comes at +30.000s")
     assert frames.hint("base") == ""
+
+
+def test_each_frame_of_a_lost_publisher_stays_however_long_it_was_silent(tmp_path: Path) -> None:
+    """Also one that stopped long before the others of its stream."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(ARM, 0.0, ("base", "gripper", False), ("base", "camera", False)),
+        steadily(ARM, 0.0, 3.0, ("base", "gripper")),
+        steadily(ARM, 3.0, 18.0, ("base", "camera")),
+        gone(ARM, 18.0),
+        steadily(SIM, 0.0, 40.0, ("world", "base")),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(35.0))
+        now = states(frames)
+    assert now["gripper"] == now["camera"] == "gone"
+
+
+def test_a_frame_is_stale_until_it_comes_again_in_the_same_chunk(tmp_path: Path) -> None:
+    """Its last sample is in an earlier chunk than the moment, which its next sample is in too."""
+    path = write(
+        tmp_path / "run.mcap",
+        described(SIM, 0.0, *SIM_ROWS[:1]),
+        steadily(SIM, 0.0, 50.0, ("world", "base"), pause=(5.0, 40.0)),
+        described(ARM, 0.0, ("base", "arm", False)),
+        steadily(ARM, 0.0, 50.0, ("base", "arm")),
+        new_chunk_s=20.0,
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        frames.seek(at(35.0))
+        assert states(frames)["base"] == "stale"

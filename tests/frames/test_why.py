@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.buses import eventually, keep_sending
-from tests.recordings import at, described, publisher, steadily, write
+from tests.recordings import at, described, gone, publisher, steadily, write
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -400,3 +400,27 @@ def test_a_frame_of_a_recording_may_have_any_name(tmp_path: Path) -> None:
         frames.seek(at(1.0))
         report = explain_recorded(frames, "world", "qery", [str(path)])
     assert "'query'" in report.failure
+
+
+def test_a_publisher_that_began_again_and_sends_nothing_was_last_heard(tmp_path: Path) -> None:
+    """The advice on a recording says when a frame came last, before its publisher's restart."""
+    arm, again, gripper = publisher("arm"), publisher("arm", 20.0), ("base", "gripper", False)
+    path = write(
+        tmp_path / "run.mcap",
+        described(publisher("sim"), 0.0, ("world", "base", False)),
+        steadily(publisher("sim"), 0.0, 40.0, ("world", "base")),
+        described(arm, 0.0, gripper),
+        steadily(arm, 0.0, 5.0, gripper[:2]),
+        gone(arm, 5.0),
+        described(again, 20.0, gripper),
+        gone(again, 30.0),
+    )
+    with RecordingReader(path) as reader:
+        frames = RecordedFrames(reader)
+        for at_s, lost in ((21.0, ""), (35.0, ", and was lost at +30.000s")):
+            frames.seek(at(at_s))
+            report = explain_recorded(frames, "world", "gripper", [str(path)])
+            assert report.remedies[0] == (
+                f"/arm on robot, pid 7 began again and sent no 'gripper'{lost}: it was last heard "
+                "at +4.905s, so look just before (--at +3.905s), and into the log of its node"
+            )

@@ -180,6 +180,25 @@ def test_a_callback_that_does_not_return_is_described(node: Node) -> None:
     go_on.set()
 
 
+def test_callbacks_that_fail_are_described(node: Node) -> None:
+    """Of each group, a plain one and an `async def`: how often, and the last exception."""
+
+    def fail() -> None:
+        raise ValueError("no scan")
+
+    async def fail_later() -> None:
+        raise SystemExit(3)
+
+    assert "failures" not in node.describe()
+    node.create_timer(0.01, fail, callback_group=MutuallyExclusiveCallbackGroup())
+    node.create_timer(0.01, fail_later)
+    eventually(lambda: len(node.describe().get("failures", ())) == 2)
+    failures = {each["error"]: each for each in node.describe()["failures"]}
+    assert failures.keys() == {"ValueError: no scan", "SystemExit: 3"}
+    assert "timer of 10 ms" in failures["SystemExit: 3"]["what"]
+    assert all(each["count"] > 0 and each["last_ns"] > 0 for each in failures.values())
+
+
 def test_a_lookup_that_holds_up_its_own_broadcaster_says_so(node: Node) -> None:
     """Not that one should query the latest: the remedy is a group, or an `async def`."""
     broadcaster = TransformBroadcaster(node)

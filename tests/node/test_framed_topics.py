@@ -262,12 +262,12 @@ def test_bounds_and_types_are_checked(bus: Bus) -> None:
 
 
 def test_tools_say_what_waits_and_what_was_dropped(bus: Bus) -> None:
-    """`topic info`, `why` and the doctor, by the node, the topic and the reasons."""
+    """`topic info`, `why` and the doctor, by the node, the topic and the reasons, and when."""
     it = Filtered(bus, queue=1)
     it.publish(pose_at(1 * S, "lidar"), pose_at(2 * S, "lidar"))
     counts = "topic poses into 'odom': 0 passed, 1 waiting, 1 dropped (1 queue full)"
     info = bus.run("topic", "info", "poses")
-    assert f"/robot: {counts}" in info.stdout
+    assert f"/robot: {counts}; the last at " in info.stdout
     assert f"    Filter: {counts}" in bus.run("topic", "info", "poses", "-v").stdout
     why = bus.run("why", "odom", "lidar")
     assert "Messages that wait" in why.stdout and "poses" in why.stdout

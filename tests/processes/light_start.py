@@ -1,5 +1,5 @@
-"""A node that sends, listens and looks up single transforms: prints which of the modules that take
-long to import it has imported.
+"""A node that sends, listens and looks up single transforms: prints which of the modules that it
+does not need, most of which take long to import, it has imported.
 
 python light_start.py
 """
@@ -27,6 +27,7 @@ HEAVY = (
     "email",
     "tempfile",
     "unicodedata",
+    "tfbus.bus.first_link",
 )
 
 

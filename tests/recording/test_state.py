@@ -1,11 +1,12 @@
 """The state in force, with which a new file, or a replay from the middle, begins."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests.builders import S, in_recording, moved
-from tests.recordings import at, publisher, sent, write
+from tests.recordings import at, described, publisher, sent, statics, write
 from tfbus.recording.items import ALL, EventItem, TransformItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import MOST_GONE, BusState, items_of_state, last_item
@@ -44,7 +45,24 @@ def test_a_stream_that_is_there_stays_in_force() -> None:
     for number in range(2 * MOST_GONE):
         state.apply(EventItem(number, "stream gone", f"s{number}"))
     assert laser.stream.name in state.streams
-    assert state.statics == {laser.stream.name: laser}
+    assert state.statics == [laser]
+
+
+def test_a_restarted_stream_keeps_the_static_frames_that_it_does_not_set_again() -> None:
+    """With their epoch, as at a listener; a set of the former process that comes late is none."""
+    state = BusState()
+    first = publisher("model")
+    again = replace(first, epoch_ns=at(1.0))
+    left, right = ("base", "left", 1.0), ("base", "right", 1.0)
+    state.apply(described(first, 0.0, ("base", "left", True), ("base", "right", True)))
+    state.apply(statics(first, 0.0, left, right))
+    state.apply(described(again, 2.0, ("base", "right", True)))
+    state.apply(statics(again, 2.0, right))
+    former, own = state.statics
+    assert (former.stream, former.rows.children()) == (first, {"left"})
+    assert (own.stream, own.rows.children()) == (again, {"right"})
+    state.apply(statics(first, 3.0, left, right, seq=1))
+    assert state.statics == [former, own]
 
 
 def test_the_last_item_before_a_moment_is_found_however_far_back(tmp_path: Path) -> None:

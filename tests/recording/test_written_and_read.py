@@ -2,6 +2,7 @@
 
 import errno
 import math
+import os
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 
 from tests.builders import S, as_values, at, examples, in_recording
 from tfbus.base.errors import DecodeError, InvalidArgumentException
+from tfbus.base.file_lock import is_held
 from tfbus.geometry.columns import Columns
 from tfbus.recording.items import (
     EventItem,
@@ -184,6 +186,29 @@ def test_parts_are_one_recording(tmp_path: Path) -> None:
     written(tmp_path / "b.mcap", [*state.items(items[half].log_ns), *items[half:]])
     assert read(tmp_path) == read(tmp_path / "b.mcap", tmp_path / "a.mcap")
     assert read(tmp_path) == [as_values(item) for item in items]
+
+
+@pytest.mark.real
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+def test_a_forked_child_that_closes_a_recording_leaves_it_to_its_parent(tmp_path: Path) -> None:
+    """The file still grows, and has no summary of the child's in its midst."""
+    items, path = run(), tmp_path / "a.mcap"
+    half = len(items) // 2
+    with RecordingWriter(path) as writer:
+        for item in items[:half]:
+            writer.write(item)
+        writer.flush()
+        written_bytes = path.stat().st_size
+        child = os.fork()
+        if child == 0:
+            writer.close()
+            os._exit(0)
+        os.waitpid(child, 0)
+        assert is_held(path)
+        assert path.stat().st_size == written_bytes
+        for item in items[half:]:
+            writer.write(item)
+    assert read(path) == [as_values(item) for item in items]
 
 
 def test_a_heartbeat_is_not_a_repetition(tmp_path: Path) -> None:

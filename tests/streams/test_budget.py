@@ -156,3 +156,9 @@ def test_a_node_says_which_past_its_buffer_lacked(receiver: Node, buffer: Buffer
         buffer.lookup_transform("world", "robot", 50 * S + S // 2)
     (described,) = receiver.describe()["buffers"]
     assert (described["too_old"], described["missed_by_s"]) == (1, 0.5)
+    assert "mistaken" not in described
+    buffer.set_transform(moved(1_790_000_000 * S, "world", "robot"))
+    with pytest.raises(TransformException):
+        buffer.lookup_transform("world", "robot", 1_790_000_000_000)
+    (described,) = receiver.describe()["buffers"]
+    assert described["mistaken"] == 1 and "milliseconds" in described["mistake"]

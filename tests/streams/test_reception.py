@@ -337,6 +337,15 @@ def test_frames_that_a_new_process_does_not_send_are_gone(received: Received) ->
     assert received.gone() == ["lamp"]
 
 
+def test_a_set_of_the_former_process_that_comes_late_is_of_gone_frames(received: Received) -> None:
+    """What the present one does not list is gone, though it comes after its list."""
+    received.describe("post", epoch_ns=2)
+    received.send_static(at(3, "post"), at(4, "lamp"), epoch_ns=1)
+    assert received.gone() == ["lamp"]
+    received.send_static(at(3, "post"), epoch_ns=2)
+    assert received.gone() == ["lamp"]
+
+
 def test_what_a_new_process_has_not_sent_yet_stays_gone(received: Received) -> None:
     """Before the new process has described itself, only what it sends is back."""
     received.send(at(1, "robot"), at(2, "arm"))

@@ -84,7 +84,7 @@ def test_two_pages_of_a_machine_have_their_own_cookies(access: Access) -> None:
 
 
 def test_a_token_that_was_given_is_not_in_the_printed_address(access: Access) -> None:
-    """One that was made must be."""
+    """A token that was made for this run must be."""
     assert access.query == ""
     token = AccessToken()
     assert Access(token, TLS).query == f"/?token={token.text}"

@@ -192,7 +192,7 @@ def test_the_region_of_frames_is_around_all_of_them() -> None:
 
 
 def test_a_ball_around_two_holds_both_and_no_more() -> None:
-    """One inside another adds nothing."""
+    """A ball inside another adds nothing."""
     small = Region(np.array((5.0, 0.0, 0.0)), 1.0)
     both = around(Region(np.zeros(3), 2.0), small)
     assert (both.middle.tolist(), both.radius_m) == ([2.0, 0.0, 0.0], 4.0)
@@ -202,7 +202,7 @@ def test_a_ball_around_two_holds_both_and_no_more() -> None:
 
 
 def test_all_is_seen_from_where_the_first_look_is_however_large_clouds_are() -> None:
-    """Those larger than the frames, smaller ones, and ones beside them: none turns the view."""
+    """Neither clouds larger than the frames, nor smaller clouds, nor clouds beside them turn it."""
     frames, robot = Region(np.zeros(3), 1.0), Region(np.zeros(3), 1.0, FRONT)
     for middle, radius_m in (
         ((0.0, 0.0, 0.0), 9.0),

@@ -88,7 +88,7 @@ def cloud(stamp_ns: int, frame: str = "base", **columns: Any) -> PointCloud:
 
 
 def xs(layer: TopicLayer) -> list[float]:
-    """Where along x of the fixed frame the items are."""
+    """The places of the items along x of the fixed frame, in m."""
     return [float(each.pose.xyz[0]) for each in layer.placed.values()]
 
 
@@ -203,7 +203,7 @@ def points_of(color: str, settings: TopicSettings, buffer: Buffer) -> Points:
 
 
 def test_the_bounds_of_colours_are_chosen_or_those_in_the_message(buffer: Buffer) -> None:
-    """Each by itself; numbers beyond them have the first and the last colour."""
+    """Each bound by itself; numbers beyond them have the first and the last colour."""
     auto = points_of("heat", SETTINGS, buffer)
     chosen = points_of("heat", topic_named("t:color_min=20,color_max=40", ViewSettings()), buffer)
     half = points_of("heat", topic_named("t:color_min=-7,color_max=auto", ViewSettings()), buffer)
@@ -489,7 +489,7 @@ def test_the_page_says_which_fixed_frame_waiting_messages_have(buffer: Buffer) -
 
 
 def test_a_picture_of_the_page_shows_images_that_have_no_camera(buffer: Buffer) -> None:
-    """One with a camera is in the scene already, and a cloud is."""
+    """An image with a camera is in the scene already, and so is a cloud."""
     scenes = DataScenes(cast(Any, None), cast(Any, None), logging.getLogger("view"))
     image = Image.from_pixels(2 * S, "base", np.zeros((2, 3, 3), np.uint8))
     camera = CameraInfo(2 * S, "base", 2, 3, k=np.diag((3.0, 3.0, 1.0)).ravel())
@@ -536,7 +536,7 @@ def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -
 
 
 def test_messages_wait_in_a_bounded_number_and_size_and_the_newest_stay() -> None:
-    """Also where some come while others are put back: the oldest are dropped, and counted."""
+    """Also if some come while others are put back: the oldest are dropped, and counted."""
     waiting = Waiting(PointCloud)
     for second in range(5):
         waiting.put(cloud(second))
@@ -633,7 +633,7 @@ def test_a_point_is_found_in_its_message_however_thinned_it_is_drawn(
 
 
 def test_a_point_of_a_straightened_scan_has_its_place_in_both_frames(buffer: Buffer) -> None:
-    """Where it was measured in its frame, and where that was at its own time; with its range."""
+    """Its place in the scan's frame, and in the fixed frame at its own time; with its range."""
     ranges, times = np.array([5.0, 4.0, np.inf, 2.0]), np.array([1.0, 2.0, 3.0, 4.0])
     scan = LaserScan(1 * S, "base", 0, 0, 0, 0.5, 0, 0.1, 30.0, ranges, times)
     layer = layer_of(scan)
@@ -670,7 +670,7 @@ def test_a_topic_is_shown_ten_times_at_most() -> None:
 
 
 def test_a_topic_is_shown_twice_by_settings_of_each(buffer: Buffer) -> None:
-    """One cloud by its height and by its intensity, and once again without the second name."""
+    """A cloud is there by its height and by its intensity, then without the second name again."""
     view = ViewState(ViewSettings(topics=(TopicSettings("points", color="height"),)))
     view.show_again("points")
     view.show_again("points#2")

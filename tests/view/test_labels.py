@@ -45,7 +45,7 @@ def names(
 
 def test_a_name_is_written_where_no_other_covers_it() -> None:
     """A letter is about 6 pixels wide: 10 pixels beside is too near, 25 above is not."""
-    assert names({"a": (0.0, 0.0), "b": (0.2, 0.0), "c": (2.0, 0.0)}) == {"a", "c"}
+    assert names({"a": (0.0, 0.0), "b": (0.2, 0.0), "c": (2.0, 0.0)}) == {"a +1", "c"}
     assert names({"a": (0.0, 0.0), "b": (0.2, 0.5)}) == {"a", "b"}
 
 
@@ -55,12 +55,27 @@ def test_frames_at_one_place_share_a_name_in_the_order_of_the_tree() -> None:
     assert names({name: (0.0, 0.0) for name in "abcde"}) == {"a, b, c and 2 more"}
 
 
+def test_a_name_counts_those_that_it_covers() -> None:
+    """Also the name of several frames; a name far away covers none."""
+    together = {"map": (0.0, 0.0), "odom": (0.0, 0.0)}
+    assert names({**together, "base": (0.3, 0.0), "far": (5.0, 0.0)}) == {"map, odom +1", "far"}
+
+
+def test_a_covered_name_is_counted_where_there_is_room() -> None:
+    """Between two names that stand side by side, at the one with room beside it, or at none."""
+    side_by_side = {"left": (0.0, 0.0), "right": (0.8, 0.0)}
+    shown = frozenset(side_by_side)
+    assert names({**side_by_side, "middle": (0.4, 0.0)}, shown=shown) == {"left", "right"}
+    apart = {"left": (0.0, 0.0), "middle": (0.8, 0.0), "right": (1.8, 0.0)}
+    assert names(apart, shown=frozenset({"left", "right"})) == {"left +1", "right"}
+
+
 def test_the_selected_name_comes_first_then_those_of_faulty_frames() -> None:
     """Then those already written, so that names do not flicker."""
     crowd = {"a": (0.0, 0.0), "b": (0.1, 0.0), "c": (0.2, 0.0)}
-    assert names(crowd, ViewSettings(selected="c"), gone=("b",)) == {"c"}
-    assert names(crowd, gone=("b",)) == {"b (gone)"}
-    assert names(crowd, shown=frozenset("c")) == {"c"}
+    assert names(crowd, ViewSettings(selected="c"), gone=("b",)) == {"c +2"}
+    assert names(crowd, gone=("b",)) == {"b (gone) +2"}
+    assert names(crowd, shown=frozenset("c")) == {"c +2"}
     assert names(crowd, ViewSettings(selected="b", names=False)) == {"b"}
     assert names(crowd, ViewSettings(names=False)) == set()
 

@@ -164,7 +164,7 @@ def test_a_mesh_is_drawn_without_a_picture_that_is_a_bomb() -> None:
 
 
 def test_a_mesh_with_texture_coordinates_and_no_picture_has_no_colour_of_its_own() -> None:
-    """That of the URDF is drawn, and not a grey that its reader makes up."""
+    """The colour of the URDF is drawn, and not a grey that its reader makes up."""
     [part] = read_mesh("obj", PLAIN_OBJ, References())
     assert (part.color, part.textured) == (None, b"")
 
@@ -369,7 +369,7 @@ def test_a_mesh_of_another_machine_names_no_file_of_this_one(
 def test_a_mesh_that_cannot_be_had_says_why_and_the_next_one_is_loaded(
     loaders: type[MeshLoader], error: Exception, said: str
 ) -> None:
-    """Whichever way it fails: on the bus, or where the reader cannot start."""
+    """Whichever way it fails: on the bus, or because the reader cannot start."""
 
     def fetch(origin: str, name: str, within_s: float) -> bytes:
         if name == "bad.stl":
@@ -413,7 +413,7 @@ def test_those_who_used_least_time_go_first() -> None:
 def test_a_file_that_takes_long_holds_up_no_other(
     loaders: type[MeshLoader], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It makes way, is read beside them, and ends in its own time, with why."""
+    """The slow file makes way, is read beside the others, and ends in its own time, with why."""
     monkeypatch.setattr("tfbus.view.meshes.loader._MAKES_WAY_S", 0.5)
     may_end = threading.Event()
 

@@ -244,7 +244,7 @@ def test_a_trail_has_the_known_poses(buffer: Buffer) -> None:
 
 
 def test_a_pause_holds_the_latest_time_at_which_all_can_be_placed(buffer: Buffer) -> None:
-    """That is the newest stamp of the slowest frame."""
+    """The pause is at the newest stamp of the slowest frame."""
     send(buffer, "map", "base", at_ns=9 * S)
     assert newest_common_ns(buffer, "map", ["map", "base", "tool", "nowhere"]) == 2 * S
 

@@ -14,8 +14,23 @@ from tfbus import TransformStamped as Stamped
 pytestmark = pytest.mark.real
 
 
+# The scroll bar of the panel, whose facts of a frame need more height than this window has.
+PANEL_BAR = (
+    ".mantine-ScrollArea-root:has(.tfbus-channel) "
+    "> .mantine-ScrollArea-scrollbar[data-orientation=vertical]"
+)
+
+
+def ends(view: View, selector: str) -> tuple[float, float]:
+    """The left and the right end of an element, in pixels."""
+    box = view.page.locator(selector).bounding_box()
+    return box["x"], box["x"] + box["width"]
+
+
 def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
-    """It waits, shows frames with their states from any fixed frame, and says which are gone."""
+    """It waits, shows frames with their states from any fixed frame, beside the scroll bar of the
+    panel, and says which are gone.
+    """
     _, address = start_view(bus)
     view = View(pages.new_page(), address)
     view.headline("Waiting for transforms")
@@ -40,6 +55,7 @@ def test_a_page_shows_frames_as_they_come_and_go(bus: Bus, pages: Any) -> None:
     assert "arm" in view.page.get_by_text("Publisher").locator("xpath=..").inner_text()
 
     view.select("tool")
+    assert ends(view, "[role=tree]")[1] <= ends(view, PANEL_BAR)[0] + 1.0
     view.page.get_by_label("show tool").uncheck()
 
     arm.close()

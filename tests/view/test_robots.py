@@ -203,7 +203,7 @@ def test_a_robot_of_a_file_stands_by_itself_where_its_frames_are_not_on_the_bus(
 def test_axes_do_not_hide_a_robot_that_is_drawn(
     arm: Robot, scenes_of: Callable[..., RobotScenes]
 ) -> None:
-    """On request they are there, and where the robot is hidden."""
+    """The axes are there on request, and while the robot is hidden."""
     scenes = scenes_of(ShownRobot(arm, prefix="left_"))
     scenes.look(ViewSettings())
     assert scenes.covered == {"left_base", "left_hand", "left_tool"}

@@ -165,7 +165,7 @@ def test_robots_come_are_two_and_leave(page: Page, robots: Robots) -> None:
     ],
 )
 def test_a_slider_has_any_limits(page: Page, robots: Robots, limit: str) -> None:
-    """Also where a robot comes to its ends, and goes beyond."""
+    """Also if a robot comes to its ends, and goes beyond."""
     robots.there = [described(urdf("arm", limit))]
     for position in (0.0, -2e300, 2e300, 1e-4):
         robots.arm.positions = {"lift": position}

@@ -8,6 +8,7 @@ from tfbus import DecodeError
 from tfbus.wire.codec import encode_message
 from tfbus.wire.descriptions import (
     DelayDescription,
+    FailureDescription,
     ParameterDescription,
     facts_of_stream,
     read_description,
@@ -40,12 +41,14 @@ def test_a_description_without_mistakes_is_as_it_was_sent() -> None:
 
 
 def test_names_in_a_node_s_description_come_as_they_can_be_shown() -> None:
-    """Of its parameters and of what held its callbacks up, too."""
+    """Of its parameters, of what held its callbacks up, and of what they raised, too."""
     evil, shown = "a\x1b[31m", "a\\x1b[31m"
     parameter = ParameterDescription(evil, 1, evil, evil)
     assert (parameter.name, parameter.type, parameter.description) == (shown, shown, shown)
     delay = DelayDescription(evil, 2, evil, 0.5)
     assert (delay.what, delay.by) == (shown, shown)
+    failure = FailureDescription(evil, 1, evil, 0)
+    assert (failure.what, failure.error) == (shown, shown)
 
 
 @pytest.mark.parametrize("field", ["host", "session"])

@@ -219,11 +219,39 @@ OWN = "tfbus's "
 # So many of the last slow ones are remembered, and so many pairs are counted.
 _MOST_REMEMBERED = 64
 _MOST_PAIRS = 100
+_LONGEST_ERROR = 300
 
 _REMEDY = (
     ". A callback that waits is to be in a callback group of its own (callback_group=...), or an "
     "async def that awaits"
 )
+
+
+class Failures:
+    """Counts the exceptions of callbacks, by their names. From any thread; two exceptions of one
+    name at the same instant may count as one.
+    """
+
+    def __init__(self) -> None:
+        # How many, the last one as a text, and when that was.
+        self._counts: dict[str, tuple[int, str, int]] = {}
+
+    def note(self, what: str, error: BaseException) -> int:
+        """Note an exception of a callback; how many it has had so far."""
+        text = f"{type(error).__name__}: {error}".removesuffix(": ")[:_LONGEST_ERROR]
+        count = self._counts.get(what, (0, "", 0))[0] + 1
+        self._counts[what] = count, text, scheduler.time_ns()
+        return count
+
+    def described(self) -> list[dict[str, Any]]:
+        """The fields of a FailureDescription for each callback, the last to fail first; the first
+        few.
+        """
+        counts = sorted(self._counts.copy().items(), key=lambda each: -each[1][2])
+        return [
+            {"what": what, "count": count, "error": error, "last_ns": last_ns}
+            for what, (count, error, last_ns) in counts[:_MOST_PAIRS]
+        ]
 
 
 class Ran(Struct):

@@ -4,13 +4,22 @@ import heapq
 import itertools
 import logging
 import sys
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Coroutine
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from tfbus.base import scheduler
-from tfbus.base.callbacks import SLOW_S, CallbackGroup, Delays, ExecutorEnd, Given, Ran, here
+from tfbus.base.callbacks import (
+    SLOW_S,
+    CallbackGroup,
+    Delays,
+    ExecutorEnd,
+    Failures,
+    Given,
+    Ran,
+    here,
+)
 from tfbus.base.clock import Bell, SimulatedClock, Timer
 from tfbus.base.errors import TfbusError
 from tfbus.base.lazy_exports import imported
@@ -84,6 +93,7 @@ class Executor:
         threads: int = 1,
         home: "Executor | None" = None,
         delays: Delays | None = None,
+        failures: Failures | None = None,
     ):
         self._name = name
         self._log = log
@@ -106,7 +116,7 @@ class Executor:
         self._closed = False
         # The names of the streams that the node sends, from this executor's callbacks or others.
         self.streams: set[str] = set()
-        self._failures: Counter[str] = Counter()
+        self._failures = failures or Failures()
 
     def submit(
         self,
@@ -230,10 +240,11 @@ class Executor:
 
     def note_failure(self, what: str) -> None:
         """Count the exception that is being handled, and log it unless it is one of many."""
-        self._failures[what] += 1
-        count = self._failures[what]
+        error = sys.exception()
+        assert error is not None
+        count = self._failures.note(what, error)
         if str(count).strip("0") == "1":  # a power of ten
-            imported("tfbus.base.ros_names").add_note(sys.exception())
+            imported("tfbus.base.ros_names").add_note(error)
             self._log.exception("A callback failed, %s so far (%s)", counted(count, "time"), what)
 
     # Waiting tasks, with the lock held

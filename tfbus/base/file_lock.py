@@ -6,7 +6,7 @@ not enough to let go.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -26,26 +26,24 @@ def locked(folder: Path, *, waits: bool) -> Iterator[bool]:
     if os.name == "nt":  # which opens no folder
         yield True
         return
-    descriptor, process = os.open(folder, os.O_RDONLY), os.getpid()
+    descriptor = os.open(folder, os.O_RDONLY)
+    let_go = _own(descriptor)
     try:
         yield _lock(descriptor, "LOCK_EX", waits=waits)
     finally:
-        if os.getpid() == process:  # not a forked child, which would let go of its parent's
-            _let_go(descriptor)
+        let_go()
         os.close(descriptor)
 
 
-def hold(file: BinaryIO) -> None:
-    """Hold the lock of an open file until `let_go`, unless somebody else goes on to have it."""
+def hold(file: BinaryIO) -> Callable[[], None]:
+    """Hold the lock of an open file, unless somebody else goes on to have it. The function returned
+    lets go, while the file is open.
+    """
     for _ in range(_TRIES):
         if _lock(file.fileno(), "LOCK_EX", waits=False):
             break
         scheduler.sleep(_TRY_EVERY_S)
-
-
-def let_go(file: BinaryIO) -> None:
-    """Hold the lock of an open file no longer."""
-    _let_go(file.fileno())
+    return _own(file.fileno())
 
 
 def is_held(path: Path) -> bool:
@@ -53,7 +51,7 @@ def is_held(path: Path) -> bool:
     with suppress(OSError), path.open("rb") as file:
         # Others that ask, too, are not taken for one.
         is_free = _lock(file.fileno(), "LOCK_SH", waits=False)
-        let_go(file)
+        _let_go(file.fileno())
         return not is_free
     return False
 
@@ -69,6 +67,19 @@ def _lock(descriptor: int, kind: str, *, waits: bool) -> bool:
     except (ImportError, OSError):  # as of a folder on another machine
         return True
     return True
+
+
+def _own(descriptor: int) -> Callable[[], None]:
+    """A function that lets go of the lock in this process. In a forked child it does nothing: the
+    lock is its parent's.
+    """
+    process = os.getpid()
+
+    def let_go() -> None:
+        if os.getpid() == process:
+            _let_go(descriptor)
+
+    return let_go
 
 
 def _let_go(descriptor: int) -> None:

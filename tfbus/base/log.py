@@ -226,6 +226,14 @@ class LogOnce:
     def _ending(self, since: int, text: str, values: tuple[object, ...]) -> str:
         if self._again_s == math.inf:
             # The mark may be the last value's, as of "did you mean 'lidar'?".
-            said = text % values if values else text
+            said = _filled(text, values)
             return f" {_FURTHER}" if said.endswith((".", "?", "!")) else f". {_FURTHER}"
         return f" ({since} times since the last line)" if since > 1 else ""
+
+
+def _filled(text: str, values: tuple[object, ...]) -> str:
+    """The text with its values; as it is if they do not fit, of which logging tells by itself."""
+    try:
+        return text % values if values else text
+    except Exception:  # also one of a value's own
+        return text

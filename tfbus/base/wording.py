@@ -253,6 +253,18 @@ def stamp_text(stamp_ns: int) -> str:
     return f"{'-' if stamp_ns < 0 else ''}{seconds}.{nanoseconds:09}"
 
 
+def wall(stamp_ns: int) -> str:
+    """A time as a clock on the wall shows it here: `2026-11-22 12:03:05.100`."""
+    from datetime import datetime  # which few processes need
+
+    seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)
+    try:
+        local = datetime.fromtimestamp(seconds)
+    except (OverflowError, OSError, ValueError):
+        return f"{stamp_ns / 1e9:.3f}"
+    return f"{local:%Y-%m-%d %H:%M:%S}.{rest_ns // 1_000_000:03}"
+
+
 def duration(seconds: float | None) -> str:
     """A time as people say it: `0.3 ms`, `4.2 s`, `3 min`, `2 h`, `5 days`; `?` for None."""
     if seconds is None:

@@ -309,7 +309,7 @@ def _no_data(
         kind = SingleSampleException
     elif stamp_ns < oldest:
         kind = PastExtrapolationException
-    if mistake := _mistake_of(stamp_ns, newest):
+    if mistake := mistake_of(stamp_ns, newest):
         return _error(kind, history, stamp_ns, mistake.fact, advice=mistake.advice)
     if kind is SingleSampleException:
         away = f"its only sample is {_far(newest - stamp_ns)}"
@@ -333,7 +333,7 @@ def _no_data(
     )
 
 
-def _mistake_of(stamp_ns: int, newest: int) -> Mistake | None:
+def mistake_of(stamp_ns: int, newest: int) -> Mistake | None:
     """The mistake if a stamp is of another unit, or another clock, than the newest sample's."""
     unit = _confused_units(stamp_ns, newest)
     mistake = Mistake(unit, "") if unit else other_clock(stamp_ns, newest)

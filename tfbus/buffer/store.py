@@ -18,11 +18,12 @@ from tfbus.base.errors import (
     ConnectivityException,
     LookupException,
     PastExtrapolationException,
+    SingleSampleException,
     TransformException,
 )
 from tfbus.base.log import LogOnce
 from tfbus.base.wording import printable
-from tfbus.buffer.explain import unknown_frame
+from tfbus.buffer.explain import mistake_of, unknown_frame
 from tfbus.buffer.info import Change, Rejections
 from tfbus.buffer.insert_many import BatchInserter
 from tfbus.buffer.lock import Lock
@@ -388,22 +389,28 @@ class Store:
 
 class ExpiredLookups:
     """Counts lookups older than the cache in `count`; `missed_by_ns` is the largest distance to
-    the oldest sample.
+    the oldest sample. Of `mistaken` ones the stamp was in another unit, 0 or of another clock, as
+    the sentence `mistake` says of the last.
     """
 
     def __init__(self, cache_time_s: float) -> None:
         self._cache_time_s = cache_time_s
         self.count = 0
-        self.missed_by_ns = 0
+        self.missed_by_ns = self.mistaken = 0
+        self.mistake = ""
 
     def record(self, error: TransformException | None) -> None:
-        """Count a lookup that failed so, if a longer cache would have had the answer."""
-        if (
-            isinstance(error, PastExtrapolationException)
-            and error.requested_ns is not None
-            and error.oldest_ns is not None
-            and error.newest_ns is not None
-            and error.newest_ns - error.oldest_ns > _FULL * self._cache_time_s * 1e9
-        ):
+        """Count a lookup that failed so, if a longer cache would have had the answer, or if none
+        would, as its stamp is a mistake.
+        """
+        if not isinstance(error, PastExtrapolationException | SingleSampleException):
+            return
+        asked_ns, oldest_ns, newest_ns = error.requested_ns, error.oldest_ns, error.newest_ns
+        if asked_ns is None or oldest_ns is None or newest_ns is None or asked_ns > oldest_ns:
+            return
+        if mistake := mistake_of(asked_ns, newest_ns):
+            self.mistaken += 1
+            self.mistake = "; ".join(filter(None, (mistake.fact, mistake.advice)))
+        elif newest_ns - oldest_ns > _FULL * self._cache_time_s * 1e9:
             self.count += 1
-            self.missed_by_ns = max(self.missed_by_ns, error.oldest_ns - error.requested_ns)
+            self.missed_by_ns = max(self.missed_by_ns, oldest_ns - asked_ns)

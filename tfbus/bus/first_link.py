@@ -8,6 +8,7 @@ link, which has no certificate.
 import json
 import os
 from contextlib import ExitStack, suppress
+from tempfile import TemporaryDirectory
 
 import zenoh
 
@@ -27,14 +28,13 @@ def open_alone(config: zenoh.Config) -> zenoh.Session:
 
     Raises ZError, as for any client, on other systems than Linux.
     """
-    from tempfile import TemporaryDirectory  # which few sessions need
-
     with ExitStack() as ends:
         router = None
         with suppress(OSError, zenoh.ZError):
             folder = ends.enter_context(TemporaryDirectory(prefix="tfbus"))
             # The client tries this endpoint, too, for as long as it lives. By the open folder it
-            # is nobody else's: in a folder that was removed none can listen. So it stays open.
+            # is nobody else's: no process can listen in a folder that was removed. So the folder
+            # stays open.
             opened_folder = os.open(folder, os.O_RDONLY)
             endpoint = f"{_OF_THIS_HOST}//proc/self/fd/{opened_folder}/router"
             router = ends.enter_context(zenoh.open(_router_at(endpoint)))

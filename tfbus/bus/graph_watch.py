@@ -46,8 +46,8 @@ class GraphWatch:
 
     `on_change(name, description)` is called for each node, for each change of its description, and
     with None as soon as it is gone, or seconds later after a pause of this process. A node's counts
-    of its buffers and delays, and which of its streams have no listener, are no change; of nodes
-    that share a name the last started counts.
+    of its buffers, delays and failures, and which of its streams have no listener, are no change;
+    of nodes that share a name the last started counts.
     `on_nodes(descriptions)` is called with all nodes after each question, at least every second,
     changed or not. Calls come one at a time, on a thread of its own.
 
@@ -297,4 +297,4 @@ class GraphWatch:
 
 
 def _lasting(node: NodeDescription) -> NodeDescription:
-    return replace(node, unread=(), buffers=(), delays=())
+    return replace(node, unread=(), buffers=(), delays=(), failures=())

@@ -15,7 +15,6 @@ from tfbus.base.errors import BusError, RightsError
 from tfbus.base.structs import replace
 from tfbus.bus import zenoh_library
 from tfbus.bus.callbacks import Callbacks, OnSample, OnToken, direct
-from tfbus.bus.first_link import open_alone
 from tfbus.bus.links import host_of, speaks_tls
 from tfbus.bus.neighbours import Neighbours
 from tfbus.bus.network_session import (
@@ -126,7 +125,11 @@ class Session(NetworkSession):
             self._scouting = scouting_of(config, settings)
             self._sockets = ZenohSockets()
             if self._scouting is None:
-                return open_alone(config) if self._opens_alone else zenoh.open(config)
+                if not self._opens_alone:
+                    return zenoh.open(config)
+                from tfbus.bus.first_link import open_alone  # which few sessions need
+
+                return open_alone(config)
             marks = self._scouting.marks()
             opened, self._sockets = with_sockets(partial(zenoh.open, config), marks)
             return opened

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 from tfbus.base import scheduler
 from tfbus.base.log import open_log
-from tfbus.base.wording import counted, duration, listed, printable
+from tfbus.base.wording import counted, duration, listed, printable, wall
 from tfbus.bus.graph import Graph
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.output import paint, say, warn
-from tfbus.command.recordings import BagChoice, OpenBag, wall
+from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.wire.fleet import Fleet
 from tfbus.wire.keys import stream_of
 

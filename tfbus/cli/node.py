@@ -128,6 +128,8 @@ def _lines(node: NodeDescription, now_ns: int) -> list[str]:
     ]
     if node.delays:
         lines += ["  Held up:", *(f"    {delay}" for delay in node.delays)]
+    if node.failures:
+        lines += ["  Failed:", *(f"    {failure}" for failure in node.failures)]
     for kind in _INTERFACES:
         lines.append(f"  {kind.capitalize()}:")
         lines += [

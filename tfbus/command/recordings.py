@@ -5,7 +5,6 @@ import shlex
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -14,7 +13,7 @@ import click
 from tfbus.base.errors import TfbusError
 from tfbus.base.installation import install_command
 from tfbus.base.standard_error import for_stderr
-from tfbus.base.wording import counted, duration, printable
+from tfbus.base.wording import counted, duration, printable, wall
 from tfbus.command.options import Several
 from tfbus.command.types import Moment, MomentType
 from tfbus.wire.limits import size_text
@@ -305,12 +304,3 @@ class _Damage:
 
     def _print(self, line: str) -> None:
         click.echo(for_stderr(line), err=True)
-
-
-def wall(stamp_ns: int) -> str:
-    """A time as a clock on the wall shows it here: `2026-11-22 12:03:05.100`."""
-    try:
-        local = datetime.fromtimestamp(stamp_ns // _S)
-    except (OverflowError, OSError, ValueError):
-        return f"{stamp_ns / _S:.3f}"
-    return f"{local:%Y-%m-%d %H:%M:%S}.{stamp_ns % _S // 1_000_000:03}"

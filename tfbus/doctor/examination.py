@@ -1,13 +1,13 @@
 """The evidence that the checks judge, from a bus or a recording; their findings; and all checks."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from tfbus.base.addresses import Interface
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import FleetWatch, RobotStatus
-from tfbus.frames.meter import SpanMeter, measure
+from tfbus.frames.meter import EpochSpan, SpanMeter, measure
 from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
@@ -88,12 +88,24 @@ PASSING: tuple[ProblemKind, ...] = ("conflict", "loop", "gone")
 
 @dataclass(frozen=True)
 class PassingProblem:
-    """A problem, and from when to when it was there (log times); `until_ns` is None if it was
-    still there at the end.
+    """A problem, and from when to when it was there (log times); `from_ns` is None if it was there
+    before the span, and it is not known since when; `until_ns` if it was still there at the end.
     """
 
     problem: Problem
-    from_ns: int
+    from_ns: int | None
+    until_ns: int | None = None
+
+
+@dataclass(frozen=True)
+class Twins:
+    """Processes that sent one stream at the same time, as a node that was started twice does: each
+    of the `places` is a host and pid; the times are as a PassingProblem's.
+    """
+
+    node: str
+    places: tuple[str, ...]
+    from_ns: int | None
     until_ns: int | None = None
 
 
@@ -101,17 +113,20 @@ class PassingProblem:
 class RecordedSpan:
     """The span of a recording that is examined, and events in it.
 
-    `start_ns` is the beginning of the recording. `restarts` are the log times at which streams
-    began new epochs, by stream. `samples` are by dynamic edge. `lost` counts messages that the
-    recorder dropped, `paused` its pauses; `damage` are sentences on unreadable parts.
+    `start_ns` is the beginning of the recording, `from_ns` of the span. `restarts` are the log
+    times at which streams began new epochs, by stream, but for those of `twins`. `samples` are by
+    dynamic edge. `lost` counts messages that the recorder dropped, `paused` its pauses; `damage`
+    are sentences on unreadable parts.
     """
 
     start_ns: int
+    from_ns: int
     is_complete: bool
     is_growing: bool
     restarts: dict[str, list[int]]
     samples: dict[Edge, EdgeSamples]
     passing: tuple[PassingProblem, ...] = ()
+    twins: tuple[Twins, ...] = ()
     lost: int = 0
     paused: int = 0
     damage: tuple[str, ...] = ()
@@ -119,6 +134,12 @@ class RecordedSpan:
     def time(self, log_ns: int) -> str:
         """A log time as `--at` takes it: `+12.345s`."""
         return f"+{(log_ns - self.start_ns) / 1e9:.3f}s"
+
+    def when(self, passing: PassingProblem | Twins) -> str:
+        """From when to when it was there: `from +1.000s to +2.500s`, `from before +1.000s on`."""
+        from_ns, until_ns = passing.from_ns, passing.until_ns
+        begin = f"before {self.time(self.from_ns)}" if from_ns is None else self.time(from_ns)
+        return f"from {begin} {'on' if until_ns is None else f'to {self.time(until_ns)}'}"
 
 
 @dataclass(frozen=True)
@@ -173,6 +194,10 @@ class Examination:
         names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
+    def is_recent(self, at_ns: int) -> bool:
+        """Whether a time by a system's clock is one of the last minute, or unknown: 0."""
+        return not at_ns or self.moment.at_ns - at_ns < _RECENT_NS
+
     def _is_in_scope(self, node: str) -> bool:
         name = self.moment.relative_name(node)
         return not name.startswith("/") if self.is_fleet else "/" not in name
@@ -181,14 +206,11 @@ class Examination:
         """The problems of a kind as sentences; in a span all that came and went, with times."""
         if self.span is None or kind not in PASSING:
             return [each.text for each in self.moment.problems if each.kind == kind]
-        sentences = []
-        for each in self.span.passing:
-            if each.problem.kind == kind:
-                until = "" if each.until_ns is None else f" to {self.span.time(each.until_ns)}"
-                on = " on" if each.until_ns is None else ""
-                begin = self.span.time(each.from_ns)
-                sentences.append(f"from {begin}{until}{on}, {each.problem.text}")
-        return sentences
+        return [
+            f"{self.span.when(each)}, {each.problem.text}"
+            for each in self.span.passing
+            if each.problem.kind == kind
+        ]
 
 
 def scope(namespace: str, *, is_fleet: bool) -> str:
@@ -196,6 +218,10 @@ def scope(namespace: str, *, is_fleet: bool) -> str:
     with all below it.
     """
     return f"namespace /{namespace}{' and all below it' if is_fleet else ''}"
+
+
+# What happened longer ago than this is over, unless it goes on.
+_RECENT_NS = 60_000_000_000
 
 
 Verdict = Literal["ok", "warn", "fail", "skipped"]
@@ -304,6 +330,13 @@ def examine_recorded(
     meter, passing = SpanMeter(from_ns, to_ns, frames.pauses), _Passing()
     lost = 0
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // _MOST_LOOKS)
+    frames.seek(from_ns - 1)
+    passing.begin(frames)
+    # The epochs that were there before the span; the one that counted is the last.
+    known = {
+        each.name: [*frames.described(each.name, from_ns), each.epoch_ns or 0]
+        for each in frames.streams()
+    }
     for each in measure(frames, meter, every_ns):
         if isinstance(each, Tick):
             passing.update_ongoing(frames, each.log_ns)
@@ -312,14 +345,21 @@ def examine_recorded(
         if each.kind in ("stream", "stream gone"):
             passing.update(frames, each.log_ns)
     passing.update(frames, to_ns)
-    restarts = {name: sorted(begun.values())[1:] for name, begun in meter.epochs.items()}
+    twins, restarts = [], {}
+    for name, epochs in meter.epochs.items():
+        doubled = _doubled(epochs)
+        if doubled:
+            twins.append(_twins(frames, name, doubled, known.get(name, ()), to_ns))
+        restarts[name] = _restarts(epochs, doubled, known.get(name, ()))
     span = RecordedSpan(
         start_ns=frames.start_ns,
+        from_ns=from_ns,
         is_complete=frames.source.is_complete,
         is_growing=frames.source.is_growing,
         restarts={name: times for name, times in restarts.items() if times},
         samples=meter.samples(),
         passing=passing.found(),
+        twins=tuple(twins),
         lost=lost,
         paused=len(meter.pauses),
         damage=tuple(each.text(frames.start_ns) for each in frames.source.damage),
@@ -338,14 +378,69 @@ def examine_recorded(
     )
 
 
+# The messages of two epochs that come for so long at the same time are of two processes: the last
+# ones of a process that was restarted may be on their way for a while.
+_TOGETHER_NS = 2_000_000_000
+
+
+def _doubled(epochs: Mapping[int, EpochSpan]) -> dict[int, EpochSpan]:
+    """The epochs of a stream during which another was sent too."""
+    return {
+        epoch_ns: span
+        for epoch_ns, span in epochs.items()
+        if any(
+            each is not span
+            and min(each.last_ns, span.last_ns) - max(each.first_ns, span.first_ns) > _TOGETHER_NS
+            for each in epochs.values()
+        )
+    }
+
+
+def _twins(
+    frames: RecordedFrames,
+    stream: str,
+    doubled: Mapping[int, EpochSpan],
+    known: Collection[int],
+    to_ns: int,
+) -> Twins:
+    """The processes of these epochs; `known` are the epochs that were there before the span."""
+    described = frames.described(stream, to_ns)
+    from_ns = sorted(span.first_ns for span in doubled.values())[1]
+    until_ns = sorted(span.last_ns for span in doubled.values())[-2]
+    found = [described.get(each) for each in doubled]
+    return Twins(
+        next((each.node for each in found if each), stream),
+        tuple(f"{each.host}, pid {each.pid}" if each else "an unknown host" for each in found),
+        None if doubled.keys() <= set(known) else from_ns,
+        until_ns if until_ns < to_ns - _TOGETHER_NS else None,
+    )
+
+
+def _restarts(
+    epochs: Mapping[int, EpochSpan], doubled: Collection[int], known: Collection[int]
+) -> list[int]:
+    """When epochs of a stream began in the span, each after another; those of twins are none."""
+    begun = sorted((span.first_ns, each) for each, span in epochs.items() if each not in known)
+    later = begun if known else begun[1:]
+    return [first_ns for first_ns, epoch_ns in later if epoch_ns not in doubled]
+
+
 class _Passing:
     """The problems that come and go, and when."""
 
     def __init__(self) -> None:
         self._ongoing: Ongoing[tuple[ProblemKind, tuple[str, ...]], Problem] = Ongoing()
-        self._from_ns: dict[tuple[ProblemKind, tuple[str, ...]], int] = {}
+        self._from_ns: dict[tuple[ProblemKind, tuple[str, ...]], int | None] = {}
         self._closed: list[PassingProblem] = []
         self._looks = 0
+
+    def begin(self, frames: RecordedFrames) -> None:
+        """Look at the tree before the span."""
+        self.update(frames, frames.at_ns)
+        for key, problem in self._ongoing.items.items():
+            frame = frames.tree().frames.get(problem.frames[0])
+            gone_ns = frames.gone_ns(frame.authority) if frame and problem.kind == "gone" else None
+            self._from_ns[key] = gone_ns
 
     def update(self, frames: RecordedFrames, log_ns: int) -> None:
         """Compare the tree of now with the one before."""
@@ -370,4 +465,4 @@ class _Passing:
         """All, in the order in which they began."""
         ongoing = self._ongoing.items.items()
         every = [PassingProblem(each, self._from_ns[key]) for key, each in ongoing] + self._closed
-        return tuple(sorted(every, key=lambda each: (each.from_ns, each.problem.frames)))
+        return tuple(sorted(every, key=lambda each: (each.from_ns or 0, each.problem.frames)))

@@ -89,7 +89,11 @@ def check_alone(seen: Examination) -> Finding:
         )
     met = {node.pid for node in seen.moment.nodes} & scouts.keys()
     if met:
-        return ok(f"{len(met)} of {counted(len(scouts), 'program')} of this host that scout: met")
+        others = _programs(scouts, scouts.keys() - met)
+        return ok(
+            f"scouting programs of this host with a node on this bus: {len(met)} of {len(scouts)}",
+            *([f"without one, as a launch: {others}"] if others else []),
+        )
     names = _programs(scouts, scouts)
     return Finding(
         "warn",

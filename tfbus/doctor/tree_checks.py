@@ -1,6 +1,7 @@
 """Checks of the nodes, of the tree of frames, and of its readers."""
 
 from collections import defaultdict
+from collections.abc import Sequence
 
 from tfbus.base.wording import counted, duration, listed, natural_order
 from tfbus.doctor.examination import (
@@ -99,11 +100,9 @@ def check_node_names(seen: Examination) -> Finding:
     places = defaultdict(list)
     for node in seen.nodes:
         places[node.name].append(f"{node.host}, pid {node.pid}")
-    doubled = [
-        f"{len(where)} nodes are called {name}: on {'; on '.join(where)}"
-        for name, where in places.items()
-        if len(where) > 1
-    ]
+    doubled = [_alike(name, where) for name, where in places.items() if len(where) > 1]
+    if (span := seen.span) is not None:
+        doubled = [f"{span.when(each)}, {_alike(each.node, each.places)}" for each in span.twins]
     count = sum(not _is_tool(node.name) for node in seen.nodes)
     if not doubled and not count:
         return skipped("no node was found")
@@ -115,18 +114,31 @@ def check_node_names(seen: Examination) -> Finding:
     )
 
 
+def _alike(name: str, places: Sequence[str]) -> str:
+    return f"{len(places)} nodes are called {name}: on {'; on '.join(places)}"
+
+
 @check("callbacks", needs="bus")
 def check_callbacks(seen: Examination) -> Finding:
-    """No callback holds up timers and topics of its node."""
+    """No callback raises exceptions, or holds up timers and topics of its node."""
     nodes = [node for node in seen.nodes if not _is_tool(node.name)]
     if not nodes:
         return skipped("no node was found")
-    return found(
-        "warn",
-        [f"{node.name}: {delay}" for node in nodes for delay in node.delays],
-        "let a callback that waits be an async def, or give it a callback group of its own",
-        counted(len(nodes), "node"),
-    )
+    failed = [
+        f"{node.name}: {failure}"
+        for node in nodes
+        for failure in node.failures
+        if seen.is_recent(failure.last_ns)
+    ]
+    held_up = [f"{node.name}: {delay}" for node in nodes for delay in node.delays]
+    remedies = [
+        "see the traceback in the log of the node" if failed else "",
+        "let a callback that waits be an async def, or give it a callback group of its own"
+        if held_up
+        else "",
+    ]
+    remedy = "; ".join(filter(None, remedies))
+    return found("warn", [*failed, *held_up], remedy, counted(len(nodes), "node"))
 
 
 @check("conflicts")
@@ -190,9 +202,11 @@ def _on_gone(seen: Examination, span: RecordedSpan, gone: PassingProblem) -> str
     streams = {frame.authority for frame in frames if frame is not None}
     begun = [log_ns for name in streams for log_ns in span.restarts.get(name, ())]
     # The first message comes some time after the node.
-    again = (each.from_ns for each in span.passing if _is_gone(each) and each != gone)
+    again = (each.from_ns or 0 for each in span.passing if _is_gone(each) and each != gone)
     next_ns = min((at_ns for at_ns in again if at_ns > gone.until_ns), default=None)
-    if any(gone.from_ns <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun):
+    if any(
+        (gone.from_ns or 0) <= at_ns and (next_ns is None or at_ns < next_ns) for at_ns in begun
+    ):
         return _WHY_ENDED
     return "check the link to its host: its node came back without a restart"
 
@@ -292,7 +306,7 @@ def check_unread(seen: Examination) -> Finding:
 
 @check("buffers", needs="bus")
 def check_buffers(seen: Examination) -> Finding:
-    """Buffers are long enough for their lookups."""
+    """Buffers are long enough for their lookups, which ask for times that can be."""
     buffers = [(node, buffer) for node in seen.nodes for buffer in node.buffers]
     if not buffers:
         return skipped("no node has a buffer")
@@ -303,12 +317,18 @@ def check_buffers(seen: Examination) -> Finding:
         for node, buffer in buffers
         if buffer.too_old
     ]
-    return found(
-        "warn",
-        short,
-        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner",
-        counted(len(buffers), "buffer"),
-    )
+    mistaken = [
+        f"{node.name}: {counted(buffer.mistaken, 'lookup')} asked for a time that has no answer: "
+        f"{buffer.mistake}"
+        for node, buffer in buffers
+        if buffer.mistaken
+    ]
+    remedies = [
+        "look up the stamps of messages, or node.now_ns()" if mistaken else "",
+        "give it a longer cache (Buffer(cache_time_s=...)), or look up sooner" if short else "",
+    ]
+    remedy = "; ".join(filter(None, remedies))
+    return found("warn", [*mistaken, *short], remedy, counted(len(buffers), "buffer"))
 
 
 @check("filters", needs="bus")
@@ -317,7 +337,11 @@ def check_filters(seen: Examination) -> Finding:
     filters = [(node, each) for node in seen.nodes for each in node.filters]
     if not filters:
         return skipped("no subscription waits for transforms")
-    dropped = [(node, each) for node, each in filters if each.dropped]
+    dropped = [
+        (node, each) for node, each in filters if each.dropped and seen.is_recent(each.last_ns)
+    ]
+    before = sum(each.dropped for _, each in filters) if not dropped else 0
+    fine = counted(len(filters), "subscription")
     lookups = sorted(
         f"tfbus why {each.frame} {source}" for _, each in dropped for source in each.sources
     )
@@ -325,7 +349,7 @@ def check_filters(seen: Examination) -> Finding:
         "warn",
         [f"{node.name}: {each}" for node, each in dropped],
         f"see why: {listed(lookups, most=3)}" if lookups else "see the log of the node",
-        counted(len(filters), "subscription"),
+        f"{fine}, of which none dropped a message in the last minute" if before else fine,
     )
 
 

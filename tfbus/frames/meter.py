@@ -233,20 +233,29 @@ class _Rows:
     stamps: bytearray = field(default_factory=bytearray)
 
 
+@dataclass
+class EpochSpan:
+    """The log times of the first and last message of an epoch of a stream, in ns."""
+
+    first_ns: int
+    last_ns: int
+
+
 class SpanMeter:
     """Measures the dynamic transforms of a span, but for the `pauses` of the recorder."""
 
     def __init__(self, from_ns: int, to_ns: int, pauses: Sequence[Pause] = ()) -> None:
         self.from_ns, self.to_ns = from_ns, to_ns
         self.pauses = [each for each in pauses if each.from_ns < to_ns and each.to_ns > from_ns]
-        self.epochs: dict[str, dict[int, int]] = {}
+        self.epochs: dict[str, dict[int, EpochSpan]] = {}
         self._rows: dict[tuple[str, tuple[str, ...], bytes], _Rows] = {}
         self._messages: dict[str, int] = defaultdict(int)
 
     def add(self, stream: str, epoch_ns: int, rows: Columns, log_ns: int, now_ns: int) -> None:
         """Add a message of dynamic transforms."""
         self._messages[stream] += 1
-        self.epochs.setdefault(stream, {}).setdefault(epoch_ns, log_ns)
+        epochs = self.epochs.setdefault(stream, {})
+        epochs.setdefault(epoch_ns, EpochSpan(log_ns, log_ns)).last_ns = log_ns
         layout = (stream, rows.frames, rows.edges_bytes())
         seen = self._rows.get(layout)
         if seen is None:
@@ -289,7 +298,8 @@ class SpanMeter:
         log_ns, stamps_ns = samples.log_ns, samples.stamps_ns
         waits = waits_between(log_ns, self.pauses)
         between = waits.length_ns
-        begins = np.searchsorted(log_ns, sorted(self.epochs[edge[0]].values())[1:])
+        begun = sorted(each.first_ns for each in self.epochs[edge[0]].values())
+        begins = np.searchsorted(log_ns, begun[1:])
         late = [each[1:] < np.maximum.accumulate(each)[:-1] for each in np.split(stamps_ns, begins)]
         gaps = gaps_in(between)
         regular = between[~gaps & waits.is_whole]
@@ -342,10 +352,9 @@ def _joined(parts: Sequence[EdgeSamples]) -> EdgeSamples:
 def measure(
     frames: RecordedFrames, meter: SpanMeter, every_ns: int | None = None
 ) -> Iterator[EventItem | Tick]:
-    """Measure the span of a meter, both ends included: go through it with `frames`. Yields each
-    event in it, and with `every_ns` Ticks, as `RecordedFrames.play`.
+    """Measure the span of a meter, both ends included: go through it with `frames`, which are right
+    before it. Yields each event in it, and with `every_ns` Ticks, as `RecordedFrames.play`.
     """
-    frames.seek(meter.from_ns - 1)
     frames.count_from_now()
     for item in frames.play(meter.to_ns, every_ns):
         if isinstance(item, TransformItem) and not item.static:
@@ -359,6 +368,7 @@ def measured(frames: RecordedFrames, from_ns: int, to_ns: int, pair: PairWatch |
     """The report of a span, with the moment at its end."""
     meter = SpanMeter(from_ns, to_ns, frames.pauses)
     every_ns = max(_LOOK_EVERY_NS, (to_ns - from_ns) // MOST_LOOKS)
+    frames.seek(from_ns - 1)
     for each in measure(frames, meter, every_ns if pair else None):
         if pair is not None and isinstance(each, Tick):
             pair.measure(frames, each.log_ns / 1e9)

@@ -143,7 +143,7 @@ class RecordedFrames:
         """Go to a log time. `buffer` is another one from then on."""
         from_ns = at_ns - int(self._cache_time_s * S)
         before: list[Item] = [event for event in self._events if event.log_ns < from_ns]
-        statics = self._source.state_at(from_ns - 1, self._selection).statics.values()
+        statics = self._source.state_at(from_ns - 1, self._selection).statics
         if self._lasting is not None:
             before += self._lasting.with_later(statics, from_ns - 1)
         else:
@@ -243,32 +243,42 @@ class RecordedFrames:
         yield from self._last_messages(stream.full_name, {frame}, min(before_ns, removed_ns + S))
         if removed_ns < before_ns:
             chosen, at_ns = Selection(streams=(stream.full_name,)), removed_ns
-            while item := self._source.state_at(at_ns, chosen).statics.get(stream.full_name):
-                if frame in self._children(item):
-                    yield item
-                    return
-                at_ns = item.log_ns - 1
+            while sets := self._source.state_at(at_ns, chosen).statics:
+                for item in sets:
+                    if frame in self._children(item):
+                        yield item
+                        return
+                at_ns = max(item.log_ns for item in sets) - 1
 
     def _placed(self) -> set[str]:
         """The frames that have a place in another one: a parent is known before it has one."""
         return {frame.name for frame in self.buffer.all_frames() if frame.parent is not None}
 
     def _last_messages(self, name: str, missing: set[str], end_ns: int) -> list[Item]:
-        """The last messages of a stream before a time that have these frames, a cache's time of
-        them.
+        """The last messages of a stream before a time that have these frames, of each a cache's
+        time of them.
         """
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
-        spans = self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
+        chunks: dict[tuple[int, int], set[str]] = {}
+        last = self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
+        for frame, span in last.items():
+            chunks.setdefault(span, set()).add(frame)
         found: dict[int, Item] = {}
-        for from_ns, to_ns in sorted(spans):
+        for (from_ns, to_ns), frames in sorted(chunks.items()):
             part = [
-                item
+                (item, frames & self._children(item))
                 for item in self._source.items(from_ns - keeps_ns, min(to_ns, end_ns - 1), chosen)
-                if isinstance(item, TransformItem) and not missing.isdisjoint(self._children(item))
+                if isinstance(item, TransformItem)
             ]
-            newest_ns = part[-1].log_ns if part else 0
-            found |= {id(item): item for item in part if item.log_ns > newest_ns - keeps_ns}
+            newest_ns = {frame: item.log_ns for item, those in part for frame in those}
+            found |= {
+                id(item): item
+                for item, those in part
+                if any(item.log_ns > newest_ns[frame] - keeps_ns for frame in those)
+            }
+            if later := frames - newest_ns.keys():  # of these the chunk has messages of after it
+                found |= {id(item): item for item in self._last_messages(name, later, from_ns)}
         return list(found.values())
 
     def _outside_of(self, name: str) -> Callable[[str], str]:
@@ -439,6 +449,18 @@ class RecordedFrames:
         known = self._streams.get(stream)
         return None if known is None else known.gone_ns
 
+    def described(self, stream: str, before_ns: int) -> dict[int, StreamDescription]:
+        """The last description of a stream before a log time, in each of its epochs."""
+        known = self._streams.get(stream)
+        name = "" if known is None else known.full_name
+        found = {}
+        for event in self._events:
+            if event.kind == "stream" and event.name == name and event.log_ns < before_ns:
+                description = _description_of(event)
+                if description is not None:
+                    found[description.epoch] = description
+        return found
+
     def said_gone(self, stream: str) -> str:
         """A clause that says since when the publisher of a stream was gone, "" if it is not."""
         gone_ns = self.gone_ns(stream)
@@ -525,6 +547,16 @@ class RecordedFrames:
             ):
                 return item.log_ns
         return None
+
+    def last_heard_ns(self, frame: str) -> int | None:
+        """When the last sample of a frame up to the moment came from its publisher, be it before a
+        restart, as a log time; None if none has come.
+        """
+        stream = self._streams.get(self.buffer.frame(frame).authority)
+        if stream is None:
+            return None
+        last = self._last_messages(stream.full_name, {frame}, self._at_ns + 1)
+        return max(map(_log_ns, last), default=None)
 
     def hint(self, frame: str = "") -> str:
         """A sentence on where in the recording a frame is: later, or in another namespace."""

@@ -70,6 +70,9 @@ class RecordedSamples:
         self._view = view or Viewpoint(None)
         self._lasting = LastingStatics(reader.first_statics()) if statics == "always" else None
         self._pauses = reader.pauses
+        # Chunks by number: that cannot be read, and that have been read for the ends of a range.
+        self._damaged: list[int] = []
+        self._tried: set[int] = set()
         self._chunks = list(reader.chunks)
         self._table = EdgeTable(reader, self._view)
         self._children: dict[str, int] = {}
@@ -97,11 +100,22 @@ class RecordedSamples:
     def range_of(self, child: str, runs: Collection[int]) -> tuple[int, int] | None:
         """The first and last stamp of a child frame in runs of these numbers."""
         number = self._children.get(child)
-        found = [(a, b) for of, run, a, b in self._segments if of == number and run in runs]
-        if not found:
-            return None
-        first = min(int(self._first[a:b].min()) for a, b in found)
-        return first, max(int(self._last[a:b].max()) for a, b in found)
+        while True:
+            rows = [
+                row
+                for of, run, start, end in self._segments
+                if of == number and run in runs
+                for row in range(start, end)
+            ]
+            if not rows:
+                return None
+            first = rows[int(np.argmin(self._first[rows]))]
+            last = rows[int(np.argmax(self._last[rows]))]
+            # That a chunk is damaged is known once it has been read.
+            self._read([row for row in (first, last) if self._chunk[row] not in self._tried], None)
+            self._tried.update(self._chunk[[first, last]].tolist())
+            if not self._drop_damaged():
+                return int(self._first[first]), int(self._last[last])
 
     def facts(self) -> list[EdgeFacts]:
         """The samples of each edge of each stream in each epoch, counted."""
@@ -276,18 +290,18 @@ class RecordedSamples:
         return group if run.is_whole else _between(group, run)
 
     def _drop_damaged(self) -> bool:
-        """Forget the rows of chunks that could not be read; whether there were some."""
+        """Forget the rows of chunks that could not be read; whether there are new ones."""
         if not self._reader.is_damaged:
             return False
-        numbers = [
+        damaged = [
             number
             for number, chunk in enumerate(self._chunks)
             if chunk.part.file.is_damaged(chunk.offset)
         ]
-        is_damaged = np.isin(self._dynamic[:, 0], numbers)
-        if not is_damaged.any():
+        if damaged == self._damaged:
             return False
-        self._dynamic = self._dynamic[~is_damaged]
+        self._damaged = damaged
+        self._dynamic = self._dynamic[~np.isin(self._dynamic[:, 0], damaged)]
         self._sort()
         return True
 
@@ -305,7 +319,7 @@ class RecordedSamples:
         """The static sets in force at a stamp; if they always hold, with later ones."""
         at = bisect_left([stamp for stamp, _ in self._versions], stamp_ns)
         log_ns = self._versions[at - 1][1] if at else -1
-        found = list(self._reader.state_at(log_ns).statics.values()) if at else []
+        found = self._reader.state_at(log_ns).statics if at else []
         if self._lasting is not None:
             found = self._lasting.with_later(found, log_ns)
         return [item for each in found if (item := self._seen(each)) is not None]
@@ -325,9 +339,8 @@ class RecordedSamples:
         changes = {
             log_ns
             for part in self._reader.parts
-            for channel, log_ns in part.index.changes
-            if channel in part.stream_channels
-            and self._table.key(part.stream_channels[channel]) is not None
+            for channel, log_ns in part.static_times
+            if self._table.key(part.stream_channels[channel]) is not None
         }
         exact = len(changes) <= _MOST_EXACT_CHANGES
         return sorted((self._stamp_at(log_ns, exact=exact), log_ns) for log_ns in changes)

@@ -461,10 +461,9 @@ class _InRecording(Advice):
         gone_ns = self._frames.gone_ns(stream.name)
         if gone_ns is None:
             return ""
-        before = self._time(max(gone_ns - S, self._frames.start_ns))
         return (
-            f"{who(stream)} was lost at {self._time(gone_ns)}: look just before (--at {before}), "
-            "and into the log of its node"
+            f"{who(stream)} was lost at {self._time(gone_ns)}: look just before "
+            f"(--at {self._before(gone_ns)}), and into the log of its node"
         )
 
     def on_stale(self, frame: FrameInfo, stream: StreamInfo) -> str:
@@ -479,7 +478,18 @@ class _InRecording(Advice):
         return f"{frame.name!r} {when}: {why}"
 
     def on_no_sample(self, frame: FrameInfo, stream: StreamInfo) -> str:
-        return f"{who(stream)} lists {frame.name!r}, and nothing of it was recorded up to then"
+        heard_ns, gone_ns = (
+            self._frames.last_heard_ns(frame.name),
+            self._frames.gone_ns(stream.name),
+        )
+        if heard_ns is None:
+            return f"{who(stream)} lists {frame.name!r}, and nothing of it was recorded up to then"
+        lost = "" if gone_ns is None else f", and was lost at {self._time(gone_ns)}"
+        return (
+            f"{who(stream)} began again and sent no {frame.name!r}{lost}: it was last heard at "
+            f"{self._time(heard_ns)}, so look just before (--at {self._before(heard_ns)}), and "
+            "into the log of its node"
+        )
 
     def on_unknown(self, frame: str) -> str:
         if self._frames.hint(frame):
@@ -495,6 +505,10 @@ class _InRecording(Advice):
     def on_problem(self, problem: Problem) -> str:
         remedy = _IN_RECORDING.get(problem.kind, "")
         return remedy.format(bag=self._bag, files=self._files, at=self._time(self._frames.at_ns))
+
+    def _before(self, log_ns: int) -> str:
+        """A second before a log time, within the recording."""
+        return self._time(max(log_ns - S, self._frames.start_ns))
 
     def _time(self, log_ns: int) -> str:
         return f"+{(log_ns - self._frames.start_ns) / S:.3f}s"

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, Protocol
 
 from tfbus.base.arguments import is_async, shown
-from tfbus.base.callbacks import CallbackGroup, Delays, join
+from tfbus.base.callbacks import CallbackGroup, Delays, Failures, join
 from tfbus.base.clock import Clock, SimulatedClock, Timer
 from tfbus.base.executor import Executor
 from tfbus.wire.codec import is_message_type, type_name
@@ -119,11 +119,16 @@ class Lanes:
             raise ValueError(
                 f"callback_threads must be an int of 1 to {MOST_CALLBACK_THREADS}, not {threads!r}"
             )
-        self.delays = Delays(log)
-        self.own = Executor(name, log, delays=self.delays)
+        self.delays, self.failures = Delays(log), Failures()
+        self.own = Executor(name, log, delays=self.delays, failures=self.failures)
         self._name = name
         self._beside = Executor(
-            f"{name} groups", log, threads=threads, home=self.own, delays=self.delays
+            f"{name} groups",
+            log,
+            threads=threads,
+            home=self.own,
+            delays=self.delays,
+            failures=self.failures,
         )
 
     def lane(self, call: str, group: object, callback: object = None) -> Lane:
@@ -149,9 +154,12 @@ class Lanes:
         return Lane(self._beside, group)
 
     def describe(self) -> dict[str, list[Any]]:
-        """The delays in the node's description of itself, if there are some."""
-        delays = self.delays.described(self.own.overdue())
-        return {"delays": delays} if delays else {}
+        """The delays and failures in the node's description of itself, if there are some."""
+        delays, failures = self.delays.described(self.own.overdue()), self.failures.described()
+        return {
+            **({"delays": delays} if delays else {}),
+            **({"failures": failures} if failures else {}),
+        }
 
     def close(self) -> None:
         """Run no further callbacks; the current ones have 2 s to finish."""

@@ -132,7 +132,7 @@ class FramedSubscription(Subscription[M]):
         self.into = into
         self.drops: Counter[str] = Counter()
         self.passed = 0
-        self.last_drop = ""
+        self.last_drop, self._last_drop_ns = "", 0
         self._dropped_of: tuple[str, ...] = ()
         self._executor = executor
         # Guards all below; a poll of a lookup may call any program's clock.
@@ -183,6 +183,7 @@ class FramedSubscription(Subscription[M]):
             "passed": self.passed,
             "drops": {reason: self.drops[reason] for reason in REASONS if self.drops[reason]},
             "last": self.last_drop,
+            "last_ns": self._last_drop_ns,
             "sources": self._sources(),
         }
         return {"filters": [described]}
@@ -276,6 +277,7 @@ class FramedSubscription(Subscription[M]):
             self.drops[reason] += 1
             self._dropped_of = (message.frame_id,)
             self.last_drop = f"frame {message.frame_id!r}, {reason}: {why}"[:500]
+            self._last_drop_ns = scheduler.time_ns()
         self._log_once.warning(
             reason,
             "Dropped a message on topic %r of frame %r, for its transform into %r (%s): %s",

@@ -365,9 +365,12 @@ class NodeInfo:
 
     def _has_changed(self, described: dict[str, Any], within: str | None) -> bool:
         """Whether the description has changed in the last seconds, by more than the counts of
-        filters; True if no number is given.
+        filters and failures; True if no number is given.
         """
-        lasting, now_s = encode_map({**described, "filters": ()}), scheduler.monotonic()
+        lasting, now_s = (
+            encode_map({**described, "filters": (), "failures": ()}),
+            scheduler.monotonic(),
+        )
         with self._lock:
             if lasting != self._lasting:
                 self._lasting, self._changed_s = lasting, now_s

@@ -1,6 +1,6 @@
 """A file of a recording: its streams, topics and events, and its chunks as items."""
 
-from bisect import bisect_right
+from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Collection, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -81,6 +81,10 @@ class TopicChannel:
         return self.decode is not None
 
 
+# If static sets changed more often than that, their chunks are not read to see whether they can be.
+_MOST_READ_CHANGES = 256
+
+
 class Part:
     """A file of a recording. Raises OSError, and DecodeError unless it is one."""
 
@@ -150,6 +154,49 @@ class Part:
         for channel, log_ns in self._said_index.changes if self._said_index else ():
             if channel in self.stream_channels:
                 yield log_ns, self.stream_channels[channel].stream
+
+    @cached_property
+    def static_times(self) -> list[tuple[int, int]]:
+        """Channels, and the log times at which they got another static set; if the set cannot be
+        read, the time at which it came again. If there are many it is as the index says.
+        """
+        known = [each for each in self.index.changes if each[0] in self.stream_channels]
+        if len(known) > _MOST_READ_CHANGES:
+            return known
+        if not self._has_damage(known):
+            return known
+        came = [
+            (channel.id, item.log_ns) for chunk in self.chunks for item, channel in chunk.statics()
+        ]
+        later = (
+            [each for each in came if each[0] == channel and each[1] >= log_ns]
+            for channel, log_ns in known
+        )
+        return [min(times) for times in later if times]
+
+    def _has_damage(self, changes: Collection[tuple[int, int]]) -> bool:
+        """Whether a chunk with one of these changes cannot be read."""
+        log_times = {log_ns for _, log_ns in changes}
+        for chunk in self.chunks:
+            if any(chunk.from_ns <= each <= chunk.to_ns for each in log_times):
+                self.file.messages(chunk.chunk)
+                if self.file.is_damaged(chunk.offset):
+                    return True
+        return False
+
+    def changed_sets(self, streams: Collection[str]) -> Iterator[TransformItem]:
+        """The static sets of these streams in the chunks in which one of them got another."""
+        times = sorted(
+            log_ns
+            for channel, log_ns in self.static_times
+            if self.stream_channels[channel].stream.name in streams
+        )
+        for chunk in self.chunks:
+            at = bisect_left(times, chunk.from_ns)
+            if at < len(times) and times[at] <= chunk.to_ns:
+                for item, _ in chunk.statics():
+                    if item.stream.name in streams:
+                        yield item
 
     @cached_property
     def _said_index(self) -> Index | None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import accumulate
+from itertools import accumulate, chain
 from operator import attrgetter
 from pathlib import Path
 from typing import TypeVar
@@ -187,10 +187,10 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     def last_chunks(
         self, stream: str, outside: Callable[[str], str], frames: set[str], before_ns: int
-    ) -> set[tuple[int, int]]:
-        """The log times, from and to, of the last chunks that begin before a time and have
-        transforms of these frames of a stream, by the index; `outside` gives the name of a frame
-        among `frames` for its name in the files.
+    ) -> dict[str, tuple[int, int]]:
+        """The log times, from and to, of the last chunk that begins before a time and has
+        transforms of a frame of a stream, by the index, for each of these frames that has one;
+        `outside` gives the name of a frame among `frames` for its name in the files.
         """
         last: dict[str, tuple[int, int]] = {}
         spans = {
@@ -217,7 +217,7 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                 name = edges[edge]
                 if span[0] < before_ns and (name not in last or span[1] > last[name][1]):
                     last[name] = span
-        return set(last.values())
+        return last
 
     def __exit__(self, *_: object) -> None:
         self.close()
@@ -364,19 +364,19 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
 
     def state_at(self, log_ns: int, selection: Selection = ALL) -> BusState:
         """The state at a log time, after the items of that time."""
-        state = BusState()
-        for event in self.events:
-            if event.log_ns > log_ns:
-                break
-            if selection.taken_of(event) is not None:
-                state.apply(event)
+        restarted = self._sets_of_restarted
         names = {
             channel.stream.name
             for part in self._parts
             for channel in part.stream_channels.values()
-            if channel.is_static and selection.takes_transforms(channel.stream.name, static=True)
+            if channel.is_static
+            and channel.stream.name not in restarted
+            and selection.takes_transforms(channel.stream.name, static=True)
         }
-        for item in self._last_statics(names, log_ns):
+        items: list[Item] = [*self.events, *chain.from_iterable(restarted.values())]
+        items = [item for item in items if item.log_ns <= log_ns]
+        state = BusState()
+        for item in sorted([*items, *self._last_statics(names, log_ns)], key=_log_ns):
             taken = selection.taken_of(item)
             if taken is not None:
                 state.apply(taken)
@@ -489,6 +489,24 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
                     found[name] = last[name]
         came = [replace(item, log_ns=self._began_ns(item)) for item in found.values()]
         return sorted(came, key=_log_ns)
+
+    @cached_property
+    def _sets_of_restarted(self) -> dict[str, list[TransformItem]]:
+        """All static sets of the streams that have some of several epochs, in order of their log
+        times: what is left of a former epoch is known by all that came.
+        """
+        epochs: dict[str, set[int]] = defaultdict(set)
+        for part in self._parts:
+            for channel in part.stream_channels.values():
+                if channel.is_static:
+                    epochs[channel.stream.name].add(channel.stream.epoch_ns)
+        found: dict[str, list[TransformItem]] = {
+            name: [] for name, of_stream in epochs.items() if len(of_stream) > 1
+        }
+        for part in self._parts if found else ():
+            for item in part.changed_sets(found.keys()):
+                found[item.stream.name].append(item)
+        return {name: sorted(sets, key=_log_ns) for name, sets in found.items()}
 
     def _began_ns(self, item: TransformItem) -> int:
         """Since when a stream has had a static set, which may be repeated again and again."""

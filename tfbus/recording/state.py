@@ -17,15 +17,16 @@ MOST_GONE = 1000
 class BusState:
     """The state after the items that were taken.
 
-    `statics` are the static transforms by the name of their stream, those that changed last at the
-    end, `retained` the last messages of
-    topics that are retained, `streams` and `nodes` the events that describe them; `gone` are the
-    streams that have gone, whose frames are still shown: the last thousand. Of nodes that have gone
-    the last thousand are known too.
+    `retained` are the last messages of topics that are retained, `streams` and `nodes` the events
+    that describe them; `gone` are the streams that have gone, whose frames are still shown: the
+    last thousand. Of nodes that have gone the last thousand are known too.
     """
 
     def __init__(self) -> None:
-        self.statics: dict[str, TransformItem] = {}
+        # By stream and epoch. Of a former epoch there is what no later one has had: a listener
+        # keeps these frames, as gone.
+        self._sets: dict[tuple[str, int], TransformItem] = {}
+        self._epochs: dict[str, list[int]] = {}
         self.retained: dict[str, TopicItem] = {}
         self.streams: dict[str, EventItem] = {}
         self.nodes: dict[str, EventItem] = {}
@@ -36,9 +37,7 @@ class BusState:
         """Apply an item; items come in order of their log times."""
         if isinstance(item, TransformItem):
             if item.static and not self.says(item):
-                # Of two streams that set one frame the last to send counts.
-                self.statics.pop(item.stream.name, None)
-                self.statics[item.stream.name] = item
+                self._apply_set(item)
         elif isinstance(item, EventItem):
             self._apply_event(item)
         elif item.retained:
@@ -47,7 +46,8 @@ class BusState:
     def says(self, item: Item) -> bool:
         """Whether the item changes nothing, as it repeats the state in force."""
         if isinstance(item, TransformItem):
-            return item.static and _is_same_set(self.statics.get(item.stream.name), item)
+            known = self._sets.get((item.stream.name, item.stream.epoch_ns))
+            return item.static and _is_same_set(known, item)
         if isinstance(item, TopicItem):
             return item.repeated and _is_same_message(self.retained.get(item.topic), item)
         match item.kind:
@@ -61,19 +61,62 @@ class BusState:
                 return item.name in self._gone_nodes
         return False
 
+    @property
+    def statics(self) -> list[TransformItem]:
+        """The static transforms in force: of each stream its set, and what its former epochs have
+        left. The set that changed last is the last: of two with one frame it counts.
+        """
+        return list(self._sets.values())
+
     def items(self, log_ns: int) -> list[Item]:
         """The items that put a bus into this state, all at this log time: nodes, streams, their
         static transforms, retained messages, and at last the streams that are gone.
         """
         retained = {name: replace(item, repeated=True) for name, item in self.retained.items()}
-        groups = (self.nodes, self.streams, self.statics, retained, self.gone)
-        return [replace(item, log_ns=log_ns) for group in groups for item in group.values()]
+        groups = (self.nodes, self.streams, retained, self.gone)
+        nodes, streams, messages, gone = (group.values() for group in groups)
+        found = [*nodes, *streams, *self.statics, *messages, *gone]
+        return [replace(item, log_ns=log_ns) for item in found]
+
+    def _apply_set(self, item: TransformItem) -> None:
+        name, epoch_ns = item.stream.name, item.stream.epoch_ns
+        epochs = self._epochs.setdefault(name, [])
+        described_ns = 0 if name in self.gone else _epoch_ns(self.streams.get(name))
+        if epochs and epoch_ns < min(epochs[-1], described_ns):
+            return  # late: the publisher has been started again
+        if epoch_ns in epochs:
+            epochs.remove(epoch_ns)
+            del self._sets[name, epoch_ns]
+        self._take_from_former(name, item.rows.children(), epochs)
+        epochs.append(epoch_ns)
+        self._sets[name, epoch_ns] = item
+
+    def _take_from_former(self, name: str, children: frozenset[str], former: Iterable[int]) -> None:
+        """Take these frames out of what former epochs of a stream have left."""
+        for epoch_ns in list(former):
+            item = self._sets[name, epoch_ns]
+            rows = item.rows.without(children)
+            if not rows.count:
+                self._epochs[name].remove(epoch_ns)
+                del self._sets[name, epoch_ns]
+            elif rows.count != item.rows.count:
+                self._sets[name, epoch_ns] = replace(item, rows=rows)
+
+    def _describe(self, item: EventItem) -> None:
+        """Take a description. Frames that the one before has had, and this one does not, have been
+        removed or sent in its epoch: so they are not what a former epoch has left.
+        """
+        name, before = item.name, self.streams.get(item.name)
+        if before is not None and (dropped := before.children - item.children):
+            former = [each for each in self._epochs.get(name, ()) if each < _epoch_ns(before)]
+            self._take_from_former(name, dropped, former)
+        self.streams[name] = item
+        self.gone.pop(name, None)
 
     def _apply_event(self, item: EventItem) -> None:
         match item.kind:
             case "stream":
-                self.streams[item.name] = item
-                self.gone.pop(item.name, None)
+                self._describe(item)
             case "stream gone":
                 self.gone[item.name] = item
             case "node":
@@ -84,8 +127,15 @@ class BusState:
                 self._gone_nodes[item.name] = None
 
     def _forget(self, stream: str, _: EventItem) -> None:
-        for known in (self.streams, self.statics):
-            known.pop(stream, None)
+        self.streams.pop(stream, None)
+        for epoch_ns in self._epochs.pop(stream, ()):
+            del self._sets[stream, epoch_ns]
+
+
+def _epoch_ns(description: EventItem | None) -> int:
+    """The epoch of a description; 0 if there is none, or it says none."""
+    epoch_ns = None if description is None else description.facts.get("epoch")
+    return epoch_ns if isinstance(epoch_ns, int) else 0
 
 
 def _is_same(former: EventItem | None, item: EventItem) -> bool:
@@ -257,12 +307,14 @@ class LastingStatics:
 
     def with_later(self, sets: Iterable[TransformItem], log_ns: int) -> list[TransformItem]:
         """The static sets in force at a log time, with the frames that come later only."""
-        found = {item.stream.name: self.widened(item) for item in sets}
+        sets = list(sets)
+        last = {item.stream.name: item for item in sets}
+        found = [self.widened(item) if item is last[item.stream.name] else item for item in sets]
         for name, firsts in self._of_stream.items():
-            if name not in found and all(item.log_ns > log_ns for item, _ in firsts):
+            if name not in last and all(item.log_ns > log_ns for item, _ in firsts):
                 earliest = min((item for item, _ in firsts), key=attrgetter("log_ns"))
-                found[name] = self.widened(replace(earliest, log_ns=log_ns, rows=_NONE, seq=None))
-        return list(found.values())
+                found.append(self.widened(replace(earliest, log_ns=log_ns, rows=_NONE, seq=None)))
+        return found
 
     def widened(self, item: TransformItem) -> TransformItem:
         """A static set with the frames that its stream sets later for the first time."""

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from typing import Literal, get_args
 
 from tfbus.base.errors import InvalidArgumentException
-from tfbus.base.file_lock import hold, let_go
+from tfbus.base.file_lock import hold
 from tfbus.base.installation import installed_version
 from tfbus.recording.items import EventItem, Item, RecordedStream, TopicItem, TransformItem
 from tfbus.recording.layout import (
@@ -72,7 +72,8 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
             )
         self._path = os.fspath(path)
         self._file = open(path, "xb")  # noqa: SIM115 - closed by close
-        hold(self._file)  # readers know by it that the file grows
+        self._let_go = hold(self._file)  # readers know by the lock that the file grows
+        self._process = os.getpid()
         self._has_failed = False
         # Chunks end as `_end_chunk` says.
         self._mcap = Writer(
@@ -158,8 +159,13 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
         self.close()
 
     def close(self) -> None:
-        """Write the summary and the indices, and close the file. Raises OSError."""
+        """Write the summary and the indices, and close the file. In a forked child only close it:
+        its parent goes on to write. Raises OSError.
+        """
         if self._file.closed:
+            return
+        if os.getpid() != self._process:
+            self._abandon()
             return
         try:
             if not self._has_failed:
@@ -170,7 +176,7 @@ class RecordingWriter(AbstractContextManager["RecordingWriter"]):
                     self._file.flush()
         finally:
             self._size = self._file.tell()
-            let_go(self._file)
+            self._let_go()
             self._abandon() if self._has_failed else self._file.close()
 
     def _write(self, item: Item) -> None:

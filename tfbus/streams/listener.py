@@ -203,6 +203,7 @@ class TransformListener:
             "cache_time_s": self.buffer.cache_time_s,
             "too_old": short.count,
             "missed_by_s": short.missed_by_ns / 1e9,
+            **({"mistaken": short.mistaken, "mistake": short.mistake} if short.mistaken else {}),
             "dropped": self.dropped,
         }
         return {"buffers": [described]}

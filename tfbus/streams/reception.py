@@ -418,6 +418,8 @@ class StaticReception:
         if removed:
             around.on_overlap(facts.name, removed)
         self.apply(None)
+        if epoch_ns != facts.epochs.present_ns:
+            self.stream.marks.update()  # what the publisher does not list now is gone
         around.on_growth(facts.name)
 
     def apply(self, children: Collection[str] | None) -> None:

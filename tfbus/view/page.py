@@ -35,7 +35,7 @@ from tfbus.view.scene.camera import (
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.scene.drawn import FIXED_NODE, Drawn, Guest, Region, place_of
 from tfbus.view.scene.robots import RobotScenes
-from tfbus.view.scene.scene import FrameLabels, Scene, SelectedMarks
+from tfbus.view.scene.scene import DataExtent, FrameLabels, Scene, SelectedMarks
 from tfbus.view.scene.texts import Texts
 from tfbus.view.server import Access, Guard, serve, stop
 from tfbus.view.settings import Selections, ViewSettings, ViewState
@@ -196,6 +196,7 @@ class Page:
         )
         self._pointing = Pointing(self.server, self.cameras, self.drawn, self.panel.tools)
         self._scene = Scene(self.server.scene, self._select)
+        self._data_extent = DataExtent()
 
     @property
     def address(self) -> str:
@@ -303,7 +304,9 @@ class Page:
             self._draw(placed, whole, choice, stamp_ns)
             self._point(choice.fixed_frame)
             if is_due:
-                self._look_first(placed, whole)
+                data = self.data.points(_FIRST_ITEMS) if self.data else np.zeros((0, 3))
+                self._data_extent.see(data, settings.drawn)
+                self._look_first(placed, whole, data)
                 self.panel.refresh(
                     self.frames, whole, choice.fixed_frame, self._buffer, self._now_ns
                 )
@@ -383,7 +386,7 @@ class Page:
         points = self.robots.points(whole, self.frames)
         if len(points):
             around_m = max(around_m, float(np.ptp(points, axis=0).max()))
-        self._scene.fit(placed, settings, around_m)
+        self._scene.fit(placed, settings, around_m, self._data_extent.m)
         self._keep_sight(fixed_frame, stamp_ns)
         self._follow(settings)
         fixed = self.cameras.fixed
@@ -394,14 +397,15 @@ class Page:
 
     # The cameras
 
-    def _look_first(self, placed: Placed, whole: Placed) -> None:
-        """Let browsers see the first frames; `whole` also has the frames without axes."""
+    def _look_first(self, placed: Placed, whole: Placed, data: Floats) -> None:
+        """Let browsers see the first frames and points (N, 3) of messages; `whole` also has the
+        frames without axes.
+        """
         # Most frames of a recording come right after its beginning, where it waits for a browser.
         if self._replay and not self._was_watched:
             return
         region = self._guests_region()
         with_robots = self._region_with_robots(placed, whole)
-        data = self.data.points(_FIRST_ITEMS) if self.data else np.zeros((0, 3))
         if region or with_robots or len(placed.names) >= 2 or len(data):
             later = self._region_later(placed)
             has_more = any(found is not None for found in (region, with_robots, later))

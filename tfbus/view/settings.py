@@ -128,7 +128,7 @@ class ViewSettings:
     An empty `fixed_frame` chooses one by itself. `only` and `never` are regular expressions on
     names, `hidden` the frames whose box is not ticked, `trails` the frames that draw where they
     were in the last `trail_s` seconds. `scale` multiplies the length of the axes, which fits the
-    scene; axes and arrows have the `opacity`, 0 to 1.
+    scene (with messages, unless it is scaled); axes and arrows have the `opacity`, 0 to 1.
 
     Cameras move along with the frame `follow`, and with `follow_yaw` turn with its heading.
     The tools publish on `goal_topic`, `initial_pose_topic` and `point_topic`.

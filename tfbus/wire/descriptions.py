@@ -12,6 +12,7 @@ from tfbus.base.wording import (
     listed,
     mistake_in,
     printable,
+    wall,
 )
 from tfbus.geometry.packed import POSE_SIZE
 from tfbus.wire.codec import as_map, decode_message, encode_map
@@ -49,13 +50,19 @@ class BufferDescription(Struct):
     """A node's buffer: how long it keeps samples.
 
     `too_old` lookups asked for a time before that, by at most `missed_by_s`. Its listener dropped
-    `dropped` messages, as transforms came on too many keys.
+    `dropped` messages, as transforms came on too many keys. Of `mistaken` lookups the stamp was in
+    another unit or of another clock, as the sentence `mistake` says of the last.
     """
 
     cache_time_s: float
     too_old: int = 0
     missed_by_s: float = 0.0
     dropped: int = 0
+    mistaken: int = 0
+    mistake: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mistake", printable(self.mistake, _LONGEST_TEXT))
 
 
 class DelayDescription(Struct):
@@ -78,11 +85,32 @@ class DelayDescription(Struct):
         return f"{self.what} lost {lost}: {callback} took up to {duration(self.took_s)}"
 
 
+class FailureDescription(Struct):
+    """A callback of a node that raised `count` exceptions, the last, `error`, at `last_ns` by its
+    system's clock, in ns since the Unix epoch.
+    """
+
+    what: str
+    count: int
+    error: str
+    last_ns: int
+
+    def __post_init__(self) -> None:
+        _make_printable(self, "what")
+        object.__setattr__(self, "error", printable(self.error, _LONGEST_TEXT))
+
+    def __str__(self) -> str:
+        """The count, as a sentence without its end."""
+        times, last = counted(self.count, "time"), wall(self.last_ns)
+        return f"the callback of {self.what} failed {times}, at last at {last}: {self.error}"
+
+
 class FilterDescription(Struct):
     """A subscription of a node whose messages wait for their transform into a frame.
 
     `waiting` messages of the `topic` wait now, `passed` came with their transform, and `drops` did
-    not, by reason; `last` says why the last one was dropped. `sources` are frames of these.
+    not, by reason; `last` says why the last one was dropped, and `last_ns` when, by its system's
+    clock in ns since the Unix epoch, 0 if unknown. `sources` are frames of these.
     """
 
     topic: str
@@ -92,6 +120,7 @@ class FilterDescription(Struct):
     drops: dict[str, int] = field(default_factory=dict)
     last: str = ""
     sources: tuple[str, ...] = ()
+    last_ns: int = 0
 
     def __post_init__(self) -> None:
         _make_printable(self, "topic", "frame", "sources")
@@ -108,7 +137,8 @@ class FilterDescription(Struct):
         """The counts, as a sentence without its end."""
         reasons = listed([f"{count} {reason}" for reason, count in self.drops.items()])
         dropped = f", {self.dropped} dropped ({reasons})" if self.drops else ""
-        last = f"; the last: {self.last}" if self.last else ""
+        when = f" at {wall(self.last_ns)}" if self.last_ns else ""
+        last = f"; the last{when}: {self.last}" if self.last else ""
         counts = f"{self.passed} passed, {self.waiting} waiting{dropped}"
         return f"topic {self.topic} into {self.frame!r}: {counts}{last}"
 
@@ -119,9 +149,10 @@ class NodeDescription(Struct):
     `publishes`, `subscribes`, `serves` and `calls` map names to the names of their types.
     `unread` are the `streams` with dynamic transforms that no process subscribes to, and
     `retained` the topics of `publishes` whose last message reaches late subscribers.
-    `delays` are its callbacks that held up others, and `filters` its subscriptions whose messages
-    wait for transforms. All names come as they can be printed. On a
-    closed bus `identity` is the node's, and `rights` a digest of the rights that it enforces.
+    `delays` are its callbacks that held up others, `failures` its callbacks that raised
+    exceptions, and `filters` its subscriptions whose messages wait for transforms. All names come
+    as they can be printed. On a closed bus `identity` is the node's, and `rights` a digest of the
+    rights that it enforces.
     """
 
     name: str
@@ -143,6 +174,7 @@ class NodeDescription(Struct):
     rights: str = ""
     delays: tuple[DelayDescription, ...] = ()
     filters: tuple[FilterDescription, ...] = ()
+    failures: tuple[FailureDescription, ...] = ()
 
     def __post_init__(self) -> None:
         _make_printable(self, "name", "host", "version", "session", "streams", "unread", "retained")

@@ -15,12 +15,12 @@ from tfbus.bag.replay import Republisher, serve
 from tfbus.bag.replayed_stream import ReplayedNames
 from tfbus.bag.replayed_time import clock_topic_of
 from tfbus.base.errors import TfbusError
-from tfbus.base.wording import counted, cut, duration
+from tfbus.base.wording import counted, cut, duration, wall
 from tfbus.bus.settings import NodeSettings
 from tfbus.cli.bag.files import check_recorded
 from tfbus.cli.bag.record_status import StatusLine
 from tfbus.cli.output import is_terminal, paint, width
-from tfbus.command.recordings import open_recording, wall
+from tfbus.command.recordings import open_recording
 from tfbus.command.terminal import typed_keys
 from tfbus.command.types import Moment
 from tfbus.node.node import Node

@@ -185,6 +185,8 @@ def _local(stamp_ns: int) -> datetime:
 STYLE = """
 div:has(> .tfbus-channel) { height: 0; }
 div:has(> .tfbus-channel) + div { display: none; }
+.mantine-ScrollArea-root:has(.tfbus-channel) { --scrollarea-scrollbar-size: 8px; }
+.mantine-ScrollArea-content:has(.tfbus-channel) > div { padding-right: 8px; }
 [role=tablist] { flex-wrap: nowrap !important; }
 [role=tab] { flex: 1 0 auto; justify-content: center; padding: 0 0.3em !important; }
 .tf { font-size: 0.8125rem; line-height: 1.45; padding: 0 0.75em 0.5em; overflow-wrap: anywhere;

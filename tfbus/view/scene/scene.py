@@ -6,7 +6,7 @@ follow: browsers draw such batches, and names, one picture later than its move.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -318,8 +318,38 @@ _SIZE = 1.0 / 10.0
 _SIZE_OF_MANY = 0.5
 _LEAST_EXTENT_M = 1.0
 
+# Beside messages that are much larger, axes are at least this part of those, so that they are seen;
+# but at most this many times as long as among the frames alone, which they would hide.
+_SIZE_BESIDE_DATA = 1.0 / 25.0
+_MOST_BESIDE_DATA = 8.0
+
+# The part of points, along each axis, that a length leaves out as possibly wrong ones.
+_LEFT_OUT_PERCENT = 2.5
+
 # The grid fades out after this many cells.
 _CELLS = 60.0
+
+_UNSCALED = ViewSettings().scale
+
+
+class DataExtent:
+    """The size of all that is drawn of messages, `m`, in metres.
+
+    It only grows while the same topics are drawn, so that the axes and the grid do not jump with
+    each scan.
+    """
+
+    def __init__(self) -> None:
+        self.m = 0.0
+        self._topics: frozenset[str] = frozenset()
+
+    def see(self, xyz: Floats, topics: Iterable[str]) -> None:
+        """Take points (N, 3) of the messages of these topics."""
+        if (seen := frozenset(topics)) != self._topics:
+            self._topics, self.m = seen, 0.0
+        if len(xyz):
+            outer = (_LEFT_OUT_PERCENT, 100.0 - _LEFT_OUT_PERCENT)
+            self.m = max(self.m, float(np.ptp(np.percentile(xyz, outer, axis=0), axis=0).max()))
 
 
 class Scene:
@@ -332,6 +362,8 @@ class Scene:
         self._scene = scene
         self._size = 0.0
         self.size_m = 0.0
+        self._beside_m = 0.0
+        self._grid_for_m = 0.0
         self._axes = Axes(scene, on_select)
         self._arrows = Arrows(scene)
         self._trails = Trails(scene)
@@ -374,19 +406,31 @@ class Scene:
         self._trails.draw(trails)
         self._dress(settings)
 
-    def fit(self, placed: Placed, settings: ViewSettings, around_m: float) -> None:
-        """Take a length of axes that suits these frames, and other things of the size `around_m`;
-        it changes only when off by a factor of 2.
+    def fit(
+        self, placed: Placed, settings: ViewSettings, around_m: float, data_m: float = 0.0
+    ) -> None:
+        """Take a length of axes that suits these frames, other things of the size `around_m`, and
+        messages of the size `data_m`; and a grid. Each changes only when off by a factor of 2.
         """
-        shown_m = max(placed.extent_m(), around_m, _LEAST_EXTENT_M)
-        wanted = shown_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(len(placed.names), 1)))
-        if not wanted / 2.0 < self._size < wanted * 2.0:
+        # Axes that somebody has scaled are as long as wanted, whatever messages come.
+        if settings.scale == _UNSCALED:
+            self._beside_m = data_m
+        own_m = max(placed.extent_m(), around_m, _LEAST_EXTENT_M)
+        own = own_m * min(_SIZE, _SIZE_OF_MANY / math.sqrt(max(len(placed.names), 1)))
+        wanted = max(own, min(_SIZE_BESIDE_DATA * self._beside_m, _MOST_BESIDE_DATA * own))
+        if _is_off(self._size, wanted):
             self._size = wanted
-            # A power of ten gives some cells, but not too many to tell apart.
-            cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
-            self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
-            self._grid.fade_distance = _CELLS * cell_m
         self.size_m = self._size * settings.scale
+        self._fit_grid(max(own_m, data_m))
+
+    def _fit_grid(self, shown_m: float) -> None:
+        if not _is_off(self._grid_for_m, shown_m):
+            return
+        self._grid_for_m = shown_m
+        # A power of ten gives some cells, but not too many to tell apart.
+        cell_m = 10.0 ** math.floor(math.log10(shown_m / 2.0))
+        self._grid.cell_size, self._grid.section_size = cell_m, 5.0 * cell_m
+        self._grid.fade_distance = _CELLS * cell_m
 
     def _dress(self, settings: ViewSettings) -> None:
         if self._grid.visible != settings.grid:
@@ -402,6 +446,11 @@ class Scene:
         if len(rows) and not np.array_equal(self._marks.batched_colors, styling.mark_colors):
             self._marks.batched_colors = styling.mark_colors
         place(self._marks, xyz[rows], np.tile(NO_QUATERNIONS, (len(rows), 1)), size)
+
+
+def _is_off(length: float, wanted: float) -> bool:
+    """Whether a length is no longer about the wanted one."""
+    return not wanted / 2.0 < length < wanted * 2.0
 
 
 # At most this many names are drawn at once.
@@ -517,7 +566,7 @@ def readable(
     """The names to write, by frame: none over another, none out of sight.
 
     First the selected frame, then stale, gone or conflicting ones, then names `shown` already, then
-    the nearest.
+    the nearest. A name that covers two others ends in "+2", if there is room for that.
     """
     rows = range(len(frames)) if settings.names else _selected(frames, settings.selected)
     if not rows:
@@ -531,30 +580,51 @@ def readable(
     for nearest in order:
         row = int(at[nearest])
         beside = next((one for one in written if _are_together(xyz, one.rows[0], row, size)), None)
-        if beside is None and len(written) == MOST_NAMES:
-            continue
         rows_here = sorted([*beside.rows, row]) if beside else [row]
-        pixel = beside.pixel if beside else pixels[nearest]
-        box = _box(pixel, _text([frames[row] for row in rows_here]))
-        if any(_overlap(box, one.box) for one in written if one is not beside):
-            continue
-        if beside:
+        left, top = pixels[nearest].tolist()
+        pixel = beside.pixel if beside else (left, top)
+        covered = beside.covered if beside else 0
+        box = _box(pixel, _text([frames[row] for row in rows_here], covered))
+        over = [one for one in written if one is not beside and _overlap(box, one.box)]
+        if over:
+            _cover([beside, *over] if beside else over, written, frames)
+        elif beside:
             beside.rows.append(row)
             beside.box = box
-        else:
+        elif len(written) < MOST_NAMES:
             written.append(_WrittenName([row], pixel, box))
     # Names in one label are in the order of the tree.
-    return {
-        frames[one.rows[0]].name: _text([frames[row] for row in sorted(one.rows)])
-        for one in written
-    }
+    return {frames[one.rows[0]].name: one.text(frames) for one in written}
+
+
+# Left and top; with right and bottom.
+Pixel = tuple[float, float]
+Box = tuple[float, float, float, float]
 
 
 @dataclass
 class _WrittenName:
+    """The name of frames at one place; `covered` others would lie below it, or beside too close."""
+
     rows: list[int]
-    pixel: Floats
-    box: Floats
+    pixel: Pixel
+    box: Box
+    covered: int = 0
+
+    def text(self, frames: Sequence[ViewFrame]) -> str:
+        return _text([frames[row] for row in sorted(self.rows)], self.covered)
+
+
+def _cover(
+    over: Sequence[_WrittenName], written: Sequence[_WrittenName], frames: Sequence[ViewFrame]
+) -> None:
+    """Count a frame without a name at the first of the names over it that has room for that."""
+    for one in over:
+        counted = replace(one, covered=one.covered + 1)
+        box = _box(one.pixel, counted.text(frames))
+        if not any(_overlap(box, other.box) for other in written if other is not one):
+            one.covered, one.box = counted.covered, box
+            return
 
 
 def _selected(frames: Sequence[ViewFrame], name: str) -> list[int]:
@@ -573,12 +643,12 @@ def _are_together(xyz: Floats, one: int, other: int, size: float) -> bool:
     return bool(np.abs(xyz[one] - xyz[other]).max() < size * _TOGETHER)
 
 
-def _text(frames: Sequence[ViewFrame]) -> str:
+def _text(frames: Sequence[ViewFrame], covered: int) -> str:
     names = [
         f"{_short(frame.name)} ({frame.state})" if frame.state in FAULTS else _short(frame.name)
         for frame in frames
     ]
-    return listed(names, most=_MOST_TOGETHER)
+    return listed(names, most=_MOST_TOGETHER) + (f" +{covered}" if covered else "")
 
 
 def _short(name: str) -> str:
@@ -587,11 +657,10 @@ def _short(name: str) -> str:
     return f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
 
 
-def _box(pixel: Floats, text: str) -> Floats:
-    """Left, top, right and bottom of a text that stands on a pixel."""
+def _box(pixel: Pixel, text: str) -> Box:
     half = (_LETTER * len(text) + _MARGIN) / 2.0
-    return np.array([pixel[0] - half, pixel[1] - _HEIGHT, pixel[0] + half, pixel[1]])
+    return pixel[0] - half, pixel[1] - _HEIGHT, pixel[0] + half, pixel[1]
 
 
-def _overlap(one: Floats, other: Floats) -> bool:
-    return bool(np.all(one[:2] < other[2:]) and np.all(other[:2] < one[2:]))
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]

@@ -102,9 +102,10 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
         network.run(away_s)
         network.heal()
         network.run(until=lambda: "out of reach" in process.stderr.rpartition("Filled")[2])
+        healed = len(process.stderr)
         network.run(5.0)
-    network.run(until=lambda: process.stderr.count("Filled the") == 2, timeout_s=300.0)
-    network.run(20.0)
+    network.run(until=lambda: "Filled the" in process.stderr[healed:], timeout_s=300.0)
+    network.run(60.0)
     assert process.stop() == 0
     came = stamps_in(path)
     assert came == sorted(set(came))
@@ -116,7 +117,8 @@ def test_a_recording_of_the_base_fills_its_gap(bus: Bus, robot: Robot, tmp_path:
     assert [item.log_ns for item in items] == sorted(item.log_ns for item in items)
     events = [(item.kind, item.name) for item in items if isinstance(item, EventItem)]
     assert ("stream gone", "robot7/sim") not in events
-    assert events.count(("filled", "/robot7/recorder")) == 2
+    # Two, or one if the second cut came before the first part.
+    assert events.count(("filled", "/robot7/recorder")) == process.stderr.count("Filled the") >= 1
 
 
 @pytest.mark.parametrize("stopped_s", [8.0, 20.0])

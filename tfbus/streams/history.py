@@ -243,6 +243,11 @@ class _Missing(Struct, frozen=False):
     place: str = ""
 
 
+def _since(silent_s: float) -> _Missing:
+    """The part since a silence began."""
+    return _Missing(scheduler.monotonic() - silent_s - _OVERLAP_S)
+
+
 class AskedHistory:
     """Requests the last `history_s` seconds of streams, by pages; if that is 0 it does nothing.
 
@@ -314,15 +319,20 @@ class AskedHistory:
 
     def miss(self, key: str, stream: StreamReception, silent_s: float) -> None:
         """Messages are missing on a key from the last seconds, though the stream was never lost."""
-        if key in self._missing and self._asked.get(key, ...) is None and not self._closed:
+        if key not in self._missing or key not in self._asked or self._closed:
+            return
+        if self._asked[key] is None:
             self._miss(key, silent_s)
             self._begin(key, stream)
+        elif len(missing := self._missing[key]) == 1:
+            # The question under way knows nothing of it; the next one has later gaps, too.
+            missing.append(_since(silent_s))
 
     def _miss(self, key: str, silent_s: float) -> None:
         missing = self._missing[key]
         # Until all that was wanted at first has been asked for, it is still asked for.
         if all(each.place for each in missing):
-            missing.append(_Missing(scheduler.monotonic() - silent_s - _OVERLAP_S))
+            missing.append(_since(silent_s))
 
     def ask(self, key: str, stream: StreamReception) -> None:
         """Ask for the earlier messages of a key, unless that was done."""

@@ -199,6 +199,26 @@ def test_callbacks_that_fail_are_described(node: Node) -> None:
     assert all(each["count"] > 0 and each["last_ns"] > 0 for each in failures.values())
 
 
+class Unspeakable(Exception):
+    """An exception whose text raises another one."""
+
+    def __str__(self) -> str:
+        raise TypeError("no text")
+
+
+def test_a_callback_goes_on_after_an_exception_without_a_text(node: Node) -> None:
+    """The exception is called by its kind."""
+    calls: list[None] = []
+
+    def fail() -> None:
+        calls.append(None)
+        raise Unspeakable
+
+    node.create_timer(0.01, fail)
+    eventually(lambda: len(calls) > 5)
+    assert node.describe()["failures"][0]["error"] == "Unspeakable"
+
+
 def test_a_lookup_that_holds_up_its_own_broadcaster_says_so(node: Node) -> None:
     """Not that one should query the latest: the remedy is a group, or an `async def`."""
     broadcaster = TransformBroadcaster(node)

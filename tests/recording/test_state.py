@@ -9,7 +9,7 @@ from tests.builders import S, in_recording, moved
 from tests.recordings import at, described, publisher, sent, statics, write
 from tfbus.recording.items import ALL, EventItem, TransformItem
 from tfbus.recording.reader import RecordingReader
-from tfbus.recording.state import MOST_GONE, BusState, items_of_state, last_item
+from tfbus.recording.state import MOST_FORMER, MOST_GONE, BusState, items_of_state, last_item
 
 
 def test_streams_that_are_long_gone_are_no_longer_in_force() -> None:
@@ -63,6 +63,47 @@ def test_a_restarted_stream_keeps_the_static_frames_that_it_does_not_set_again()
     assert (own.stream, own.rows.children()) == (again, {"right"})
     state.apply(statics(first, 3.0, left, right, seq=1))
     assert state.statics == [former, own]
+
+
+def restarted(count: int) -> BusState:
+    """The state after a publisher was started so many times, each time with another frame."""
+    state = BusState()
+    for number in range(count):
+        stream = replace(publisher("model"), epoch_ns=at(float(number)))
+        state.apply(described(stream, number, ("base", f"f{number}", True)))
+        state.apply(statics(stream, number, ("base", f"f{number}", 1.0)))
+    return state
+
+
+def test_what_restarts_leave_is_bounded() -> None:
+    """Of thousands of restarts with other frames the last ones are in force."""
+    state = restarted(3 * MOST_FORMER)
+    assert [item.rows.frames[1] for item in state.statics] == [
+        f"f{number}" for number in range(2 * MOST_FORMER - 1, 3 * MOST_FORMER)
+    ]
+
+
+def test_a_publisher_whose_clock_is_behind_leaves_no_set_with_a_later_epoch() -> None:
+    """A listener that takes both would take the former one for the present one."""
+    state = restarted(3)
+    stream = replace(publisher("model"), epoch_ns=at(1.5))
+    state.apply(EventItem(at(4.0), "stream gone", "model"))
+    state.apply(described(stream, 5.0, ("base", "last", True)))
+    state.apply(statics(stream, 5.0, ("base", "last", 1.0)))
+    assert [item.rows.frames[1] for item in state.statics] == ["f0", "f1", "last"]
+
+
+def test_a_repetition_says_what_is_left_of_a_former_epoch() -> None:
+    """A file that goes on after a gap says it: what went in the gap is not there."""
+    state = BusState()
+    first = publisher("model")
+    again = replace(first, epoch_ns=at(1.0))
+    left, right = ("base", "left", 1.0), ("base", "right", 1.0)
+    state.apply(statics(first, 0.0, left, right))
+    state.apply(described(again, 2.0))
+    state.apply(statics(again, 2.0))
+    state.apply(statics(first, 9.0, left))
+    assert [item.rows.children() for item in state.statics] == [{"left"}, frozenset()]
 
 
 def test_the_last_item_before_a_moment_is_found_however_far_back(tmp_path: Path) -> None:

@@ -146,7 +146,10 @@ class Republisher:
             if isinstance(item, EventItem) and item.kind == "stream gone"
         }
         stay_gone = set() if is_new_run else {name for name in gone if not self._is_there(name)}
+        sets = {_stream_of(item): item for item in state if _is_set(item)}
         for item in state:
+            if _is_set(item) and item is not sets[_stream_of(item)]:
+                continue  # of a former epoch, which nobody who joins a bus gets
             # Another message than a retained one is that of the clock.
             is_clock_s = isinstance(item, TopicItem) and not item.retained
             if not is_clock_s and _stream_of(item) not in stay_gone:
@@ -400,6 +403,10 @@ def _stream_of(item: Item) -> str:
         return item.stream.name
     about_stream = isinstance(item, EventItem) and item.kind in ("stream", "stream gone")
     return item.name if isinstance(item, EventItem) and about_stream else ""
+
+
+def _is_set(item: Item) -> bool:
+    return isinstance(item, TransformItem) and item.static
 
 
 def _is_supplied(type_name: str) -> bool:

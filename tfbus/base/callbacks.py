@@ -227,6 +227,14 @@ _REMEDY = (
 )
 
 
+def _text_of(error: BaseException) -> str:
+    kind = type(error).__name__
+    try:
+        return f"{kind}: {error}".removesuffix(": ")
+    except Exception:  # of its own __str__
+        return kind
+
+
 class Failures:
     """Counts the exceptions of callbacks, by their names. From any thread; two exceptions of one
     name at the same instant may count as one.
@@ -238,7 +246,7 @@ class Failures:
 
     def note(self, what: str, error: BaseException) -> int:
         """Note an exception of a callback; how many it has had so far."""
-        text = f"{type(error).__name__}: {error}".removesuffix(": ")[:_LONGEST_ERROR]
+        text = _text_of(error)[:_LONGEST_ERROR]
         count = self._counts.get(what, (0, "", 0))[0] + 1
         self._counts[what] = count, text, scheduler.time_ns()
         return count

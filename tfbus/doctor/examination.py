@@ -1,10 +1,12 @@
 """The evidence that the checks judge, from a bus or a recording; their findings; and all checks."""
 
+import socket
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from tfbus.base.addresses import Interface
+from tfbus.base.wording import printable
 from tfbus.bus.settings import NodeSettings
 from tfbus.frames.fleet import FleetWatch, RobotStatus
 from tfbus.frames.meter import EpochSpan, SpanMeter, measure
@@ -12,6 +14,7 @@ from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
+from tfbus.recording.items import RECORDING
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
@@ -194,9 +197,16 @@ class Examination:
         names = map(self.moment.relative_name, self.moment.node_names)
         return () if self.is_fleet else tuple(name for name in names if name.find("/") > 0)
 
-    def is_recent(self, at_ns: int) -> bool:
-        """Whether a time by a system's clock is one of the last minute, or unknown: 0."""
-        return not at_ns or self.moment.at_ns - at_ns < _RECENT_NS
+    def is_recent(self, node: NodeDescription, at_ns: int) -> bool:
+        """Whether a time by the clock of a node's host is one of the last minute, or may be: it is
+        0 if unknown, and that clock may be another than ours.
+        """
+        clocks = self.moment.clocks
+        offset_s = next((clocks[each] for each in node.streams if each in clocks), None)
+        is_elsewhere = self.span is None and node.host != printable(socket.gethostname())
+        if not at_ns or (offset_s is None and is_elsewhere):
+            return True
+        return self.moment.at_ns - at_ns + round((offset_s or 0.0) * 1e9) < _RECENT_NS
 
     def _is_in_scope(self, node: str) -> bool:
         name = self.moment.relative_name(node)
@@ -346,8 +356,11 @@ def examine_recorded(
             passing.update(frames, each.log_ns)
     passing.update(frames, to_ns)
     twins, restarts = [], {}
+    # The clocks of several recorders differ: by them no two processes sent at the same time.
+    parts = frames.source.parts
+    is_of_one = len(parts) == 1 or len({part.about.get(RECORDING, part) for part in parts}) == 1
     for name, epochs in meter.epochs.items():
-        doubled = _doubled(epochs)
+        doubled = _doubled(epochs) if is_of_one else {}
         if doubled:
             twins.append(_twins(frames, name, doubled, known.get(name, ()), to_ns))
         restarts[name] = _restarts(epochs, doubled, known.get(name, ()))
@@ -379,8 +392,11 @@ def examine_recorded(
 
 
 # The messages of two epochs that come for so long at the same time are of two processes: the last
-# ones of a process that was restarted may be on their way for a while.
+# messages of a process that was restarted may be on their way for a while.
 _TOGETHER_NS = 2_000_000_000
+
+# What was there so shortly before the end was still there.
+_UNTIL_END_NS = 2_000_000_000
 
 
 def _doubled(epochs: Mapping[int, EpochSpan]) -> dict[int, EpochSpan]:
@@ -412,7 +428,7 @@ def _twins(
         next((each.node for each in found if each), stream),
         tuple(f"{each.host}, pid {each.pid}" if each else "an unknown host" for each in found),
         None if doubled.keys() <= set(known) else from_ns,
-        until_ns if until_ns < to_ns - _TOGETHER_NS else None,
+        until_ns if until_ns < to_ns - _UNTIL_END_NS else None,
     )
 
 
@@ -437,8 +453,9 @@ class _Passing:
     def begin(self, frames: RecordedFrames) -> None:
         """Look at the tree before the span."""
         self.update(frames, frames.at_ns)
+        known = frames.tree().frames
         for key, problem in self._ongoing.items.items():
-            frame = frames.tree().frames.get(problem.frames[0])
+            frame = known.get(problem.frames[0])
             gone_ns = frames.gone_ns(frame.authority) if frame and problem.kind == "gone" else None
             self._from_ns[key] = gone_ns
 

@@ -128,7 +128,7 @@ def check_callbacks(seen: Examination) -> Finding:
         f"{node.name}: {failure}"
         for node in nodes
         for failure in node.failures
-        if seen.is_recent(failure.last_ns)
+        if seen.is_recent(node, failure.last_ns)
     ]
     held_up = [f"{node.name}: {delay}" for node in nodes for delay in node.delays]
     remedies = [
@@ -338,7 +338,9 @@ def check_filters(seen: Examination) -> Finding:
     if not filters:
         return skipped("no subscription waits for transforms")
     dropped = [
-        (node, each) for node, each in filters if each.dropped and seen.is_recent(each.last_ns)
+        (node, each)
+        for node, each in filters
+        if each.dropped and seen.is_recent(node, each.last_ns)
     ]
     before = sum(each.dropped for _, each in filters) if not dropped else 0
     fine = counted(len(filters), "subscription")

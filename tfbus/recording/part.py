@@ -166,7 +166,10 @@ class Part:
         if not self._has_damage(known):
             return known
         came = [
-            (channel.id, item.log_ns) for chunk in self.chunks for item, channel in chunk.statics()
+            (channel.id, item.log_ns)
+            for chunk in self.chunks
+            if chunk.static_streams
+            for item, channel in chunk.statics()
         ]
         later = (
             [each for each in came if each[0] == channel and each[1] >= log_ns]
@@ -176,9 +179,10 @@ class Part:
 
     def _has_damage(self, changes: Collection[tuple[int, int]]) -> bool:
         """Whether a chunk with one of these changes cannot be read."""
-        log_times = {log_ns for _, log_ns in changes}
+        times = sorted(log_ns for _, log_ns in changes)
         for chunk in self.chunks:
-            if any(chunk.from_ns <= each <= chunk.to_ns for each in log_times):
+            at = bisect_left(times, chunk.from_ns)
+            if chunk.static_streams and at < len(times) and times[at] <= chunk.to_ns:
                 self.file.messages(chunk.chunk)
                 if self.file.is_damaged(chunk.offset):
                     return True
@@ -191,11 +195,13 @@ class Part:
             for channel, log_ns in self.static_times
             if self.stream_channels[channel].stream.name in streams
         )
+        state = BusState()
         for chunk in self.chunks:
             at = bisect_left(times, chunk.from_ns)
-            if at < len(times) and times[at] <= chunk.to_ns:
+            if chunk.static_streams and at < len(times) and times[at] <= chunk.to_ns:
                 for item, _ in chunk.statics():
-                    if item.stream.name in streams:
+                    if item.stream.name in streams and not state.says(item):
+                        state.apply(item)
                         yield item
 
     @cached_property

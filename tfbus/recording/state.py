@@ -13,6 +13,10 @@ from tfbus.recording.items import ALL, EventItem, Item, Selection, TopicItem, Tr
 # Streams come and go: as a listener remembers, at most this many that are gone are in force.
 MOST_GONE = 1000
 
+# A publisher may have other frames after each restart: of at most as many former epochs of a
+# stream the frames are in force.
+MOST_FORMER = 16
+
 
 class BusState:
     """The state after the items that were taken.
@@ -83,13 +87,24 @@ class BusState:
         epochs = self._epochs.setdefault(name, [])
         described_ns = 0 if name in self.gone else _epoch_ns(self.streams.get(name))
         if epochs and epoch_ns < min(epochs[-1], described_ns):
-            return  # late: the publisher has been started again
-        if epoch_ns in epochs:
-            epochs.remove(epoch_ns)
-            del self._sets[name, epoch_ns]
+            # Late, as the publisher has been started again; or a file says what is left of it.
+            if epoch_ns in epochs:
+                left = self._sets[name, epoch_ns].rows.children() - item.rows.children()
+                self._take_from_former(name, left, [epoch_ns])
+            return
+        # A publisher whose clock is behind that of the former one: a listener that hears of both
+        # sets at once takes the later epoch, so the former one is not kept.
+        for each in [each for each in epochs if each >= epoch_ns]:
+            self._drop_set(name, each)
         self._take_from_former(name, item.rows.children(), epochs)
+        for each in epochs[: max(0, len(epochs) - MOST_FORMER)]:
+            self._drop_set(name, each)
         epochs.append(epoch_ns)
         self._sets[name, epoch_ns] = item
+
+    def _drop_set(self, name: str, epoch_ns: int) -> None:
+        self._epochs[name].remove(epoch_ns)
+        del self._sets[name, epoch_ns]
 
     def _take_from_former(self, name: str, children: frozenset[str], former: Iterable[int]) -> None:
         """Take these frames out of what former epochs of a stream have left."""
@@ -97,8 +112,7 @@ class BusState:
             item = self._sets[name, epoch_ns]
             rows = item.rows.without(children)
             if not rows.count:
-                self._epochs[name].remove(epoch_ns)
-                del self._sets[name, epoch_ns]
+                self._drop_set(name, epoch_ns)
             elif rows.count != item.rows.count:
                 self._sets[name, epoch_ns] = replace(item, rows=rows)
 

@@ -347,6 +347,7 @@ class DataExtent:
         """Take points (N, 3) of the messages of these topics."""
         if (seen := frozenset(topics)) != self._topics:
             self._topics, self.m = seen, 0.0
+        xyz = xyz[np.isfinite(xyz).all(axis=1)]
         if len(xyz):
             outer = (_LEFT_OUT_PERCENT, 100.0 - _LEFT_OUT_PERCENT)
             self.m = max(self.m, float(np.ptp(np.percentile(xyz, outer, axis=0), axis=0).max()))

@@ -14,7 +14,6 @@ from tfbus.frames.moment import BusMoment, Ongoing
 from tfbus.frames.recorded import RecordedFrames, Tick
 from tfbus.frames.report import Edge, EdgeFlow, EdgeSamples, StreamFlow
 from tfbus.frames.snapshot import FrameTree, Problem, ProblemKind
-from tfbus.recording.items import RECORDING
 from tfbus.wire.descriptions import NodeDescription
 from tfbus.wire.fleet import Fleet
 
@@ -357,8 +356,7 @@ def examine_recorded(
     passing.update(frames, to_ns)
     twins, restarts = [], {}
     # The clocks of several recorders differ: by them no two processes sent at the same time.
-    parts = frames.source.parts
-    is_of_one = len(parts) == 1 or len({part.about.get(RECORDING, part) for part in parts}) == 1
+    is_of_one = frames.source.is_of_one_recorder
     for name, epochs in meter.epochs.items():
         doubled = _doubled(epochs) if is_of_one else {}
         if doubled:

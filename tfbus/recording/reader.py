@@ -260,6 +260,12 @@ class RecordingReader(AbstractContextManager["RecordingReader"]):
         return bool(of_incomplete) and all(of_incomplete)
 
     @property
+    def is_of_one_recorder(self) -> bool:
+        """Whether there is one file, or the files say that one recorder wrote them."""
+        recorders = {part.about.get(RECORDING, part) for part in self._parts}
+        return len(recorders) == 1
+
+    @property
     def is_damaged(self) -> bool:
         """Whether some part read so far was unreadable."""
         return any(part.file.damage for part in self._parts)

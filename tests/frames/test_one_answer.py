@@ -118,7 +118,13 @@ class Drawn:
             self.items.append(statics(stream, time_s, *rows, seq=number))
             self.turns.append(time_s)
             if self.random.random() < 0.5:
-                stream = replace(stream, epoch_ns=at(time_s + 0.5))
+                # Its clock may be behind after it was killed.
+                is_behind = self.is_described and self.random.random() < 0.5
+                if is_behind:
+                    self.items.append(gone(stream, time_s + 0.4))
+                    self.turns.append(time_s + 0.4)
+                began_s = -2.0 - number if is_behind else time_s + 0.5
+                stream = replace(stream, epoch_ns=at(began_s))
                 frames = self.random.choice([["laser"], ["lidar"], ["laser", "lidar"]])
 
     def _twin(self, stream: RecordedStream) -> None:

@@ -83,14 +83,16 @@ def test_what_restarts_leave_is_bounded() -> None:
     ]
 
 
-def test_a_publisher_whose_clock_is_behind_leaves_no_set_with_a_later_epoch() -> None:
-    """A listener that takes both would take the former one for the present one."""
+def test_a_publisher_whose_clock_is_behind_has_the_last_of_all_epochs() -> None:
+    """A listener that hears of all sets at once takes none of before for the present one."""
     state = restarted(3)
     stream = replace(publisher("model"), epoch_ns=at(1.5))
     state.apply(EventItem(at(4.0), "stream gone", "model"))
     state.apply(described(stream, 5.0, ("base", "last", True)))
     state.apply(statics(stream, 5.0, ("base", "last", 1.0)))
-    assert [item.rows.frames[1] for item in state.statics] == ["f0", "f1", "last"]
+    assert [item.rows.frames[1] for item in state.statics] == ["f0", "f1", "f2", "last"]
+    epochs = [item.stream.epoch_ns for item in state.statics]
+    assert epochs == sorted(epochs) and epochs[-1] == at(1.5)
 
 
 def test_a_repetition_says_what_is_left_of_a_former_epoch() -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tfbus.buffer.buffer import Buffer
 from tfbus.frames.runs import FIRST_NS, LAST_NS, Run, runs_of
 from tfbus.geometry.columns import Columns
-from tfbus.recording.items import TransformItem, Viewpoint
+from tfbus.recording.items import Pause, TransformItem, Viewpoint
 from tfbus.recording.part import Group, Part
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.state import LastingStatics, Statics
@@ -74,6 +74,9 @@ class RecordedSamples:
         self._damaged: list[int] = []
         self._tried: set[int] = set()
         self._chunks = list(reader.chunks)
+        # From when to when the messages of each chunk were received (N, 2).
+        logs = [(chunk.from_ns, chunk.to_ns) for chunk in self._chunks]
+        self._logs = np.array(logs, np.int64).reshape(-1, 2)
         self._table = EdgeTable(reader, self._view)
         self._children: dict[str, int] = {}
         for _, child in self._table.edges:
@@ -225,8 +228,29 @@ class RecordedSamples:
         found: list[int] = []
         for child, run, start, end in self._segments:
             if run in runs and (numbers is None or child in numbers):
-                found += self._wanted_of(start, end, first_ns, last_ns)
+                wanted = self._wanted_of(start, end, first_ns, last_ns)
+                found += wanted
+                for pause in self._pauses:
+                    found += self._newest_before(pause, start, end, wanted)
         return found
+
+    def _newest_before(self, pause: Pause, start: int, end: int, wanted: list[int]) -> list[int]:
+        """The rows of one segment with its newest samples from before a pause, if some of the
+        wanted rows came before it and some after: samples that come late are older than these, and
+        so not the first behind the pause.
+        """
+        chunks = self._chunk[start:end]
+        began, ended = self._logs[chunks, 0], self._logs[chunks, 1]
+        is_wanted = np.zeros(end - start, bool)
+        is_wanted[np.array(wanted, np.int64) - start] = True
+        has_begun, is_over = began <= pause.from_ns, ended <= pause.from_ns
+        if not (is_wanted & has_begun).any() or not (is_wanted & ~is_over).any():
+            return []
+        last = self._last[start:end]
+        rows = np.flatnonzero(has_begun & ~is_over).tolist()
+        if is_over.any():
+            rows.append(int(np.argmax(np.where(is_over, last, FIRST_NS))))
+        return [start + row for row in rows]
 
     def _wanted_of(self, start: int, end: int, first_ns: int, last_ns: int) -> list[int]:
         """The same of the rows of one segment."""
@@ -349,8 +373,7 @@ class RecordedSamples:
         """The stamp of a log time: the newest that had been received. If nothing had come for a
         while, so much later, but before the next one.
         """
-        last = np.array([chunk.to_ns for chunk in self._chunks], np.int64)
-        first = np.array([chunk.from_ns for chunk in self._chunks], np.int64)
+        first, last = self._logs.T
         before = np.flatnonzero((last <= log_ns)[self._chunk])
         latest = int(before[np.argmax(self._last[before])]) if len(before) else None
         newest = FIRST_NS if latest is None else int(self._last[latest])

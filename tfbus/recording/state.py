@@ -92,15 +92,33 @@ class BusState:
                 left = self._sets[name, epoch_ns].rows.children() - item.rows.children()
                 self._take_from_former(name, left, [epoch_ns])
             return
-        # A publisher whose clock is behind that of the former one: a listener that hears of both
-        # sets at once takes the later epoch, so the former one is not kept.
-        for each in [each for each in epochs if each >= epoch_ns]:
-            self._drop_set(name, each)
+        if epoch_ns in epochs:
+            self._drop_set(name, epoch_ns)
         self._take_from_former(name, item.rows.children(), epochs)
         for each in epochs[: max(0, len(epochs) - MOST_FORMER)]:
             self._drop_set(name, each)
+        self._put_before(name, epoch_ns)
         epochs.append(epoch_ns)
         self._sets[name, epoch_ns] = item
+
+    def _put_before(self, name: str, epoch_ns: int) -> None:
+        """Give former sets epochs before this one: it is smaller if the clock of the publisher was
+        behind when it was started again, and who hears of all sets at once takes the latest.
+        """
+        formers = self._epochs[name]
+        if not formers or formers[-1] < epoch_ns:
+            return
+        latest = range(epoch_ns - len(formers), epoch_ns)
+        epochs = dict(zip(formers, map(min, formers, latest), strict=True))
+        self._epochs[name][:] = epochs.values()
+        self._sets = {
+            (stream, epochs[each]) if stream == name else (stream, each): (
+                replace(item, stream=replace(item.stream, epoch_ns=epochs[each]))
+                if stream == name
+                else item
+            )
+            for (stream, each), item in self._sets.items()
+        }
 
     def _drop_set(self, name: str, epoch_ns: int) -> None:
         self._epochs[name].remove(epoch_ns)

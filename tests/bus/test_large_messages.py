@@ -74,7 +74,7 @@ def part_of(payload: bytes, at: int, **changed: Any) -> bytes:
 
 
 class Server:
-    """Answers whoever asks for the newest message of the topic `camera`, or for a part of it."""
+    """Answers questions for the newest message of the topic `camera`, or for a part of it."""
 
     def __init__(self, node: Node, name: str, answer: Callable[[int], bytes], newest: bytes):
         self.asked = 0
@@ -123,7 +123,7 @@ def test_parts_that_make_no_message_are_dropped(bus: Bus, answer: Callable[[int]
 
 
 def test_a_message_that_comes_late_by_itself_is_dropped(bus: Bus) -> None:
-    """Those before the one that was asked for, and that one, are named in its answer."""
+    """The answer names the message that was asked for, and the messages before it."""
     received: list[bytes] = []
     late, later = LARGE, LARGE[1:] + b"x"
     older = [zlib.crc32(late)]

@@ -66,7 +66,7 @@ def test_a_restarted_stream_keeps_the_static_frames_that_it_does_not_set_again()
 
 
 def restarted(count: int) -> BusState:
-    """The state after a publisher was started so many times, each time with another frame."""
+    """The state after a publisher was started `count` times, each time with another frame."""
     state = BusState()
     for number in range(count):
         stream = replace(publisher("model"), epoch_ns=at(float(number)))

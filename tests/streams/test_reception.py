@@ -338,7 +338,7 @@ def test_frames_that_a_new_process_does_not_send_are_gone(received: Received) ->
 
 
 def test_a_set_of_the_former_process_that_comes_late_is_of_gone_frames(received: Received) -> None:
-    """What the present one does not list is gone, though it comes after its list."""
+    """A frame that the present process does not list is gone, though it comes after the list."""
     received.describe("post", epoch_ns=2)
     received.send_static(at(3, "post"), at(4, "lamp"), epoch_ns=1)
     assert received.gone() == ["lamp"]

@@ -188,3 +188,19 @@ def test_as_python_ends_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr("tfbus.base.signals.os", None)
     del stop
     assert unraisable == []
+
+
+def test_a_signal_may_end_the_construction(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is half made ends without a word, as in a process that begins to listen to signals while
+    an object of it does already.
+    """
+
+    def interrupted() -> tuple[int, int]:
+        raise KeyboardInterrupt
+
+    unraisable: list[object] = []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    monkeypatch.setattr("tfbus.base.signals.os.pipe", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        SignalledStop()
+    assert unraisable == []

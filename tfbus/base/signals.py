@@ -192,6 +192,9 @@ class SignalledStop:
     neither fault.
     """
 
+    # None yet: a signal may end the construction, too.
+    readable = _writable = -1
+
     def __init__(self) -> None:
         self.called = False
         self.readable, self._writable = os.pipe()
@@ -199,8 +202,9 @@ class SignalledStop:
 
     # One that outlives this module, as Python ends, finds none of its names.
     def __del__(self, close: Callable[[int], None] = os.close) -> None:
-        close(self.readable)
-        close(self._writable)
+        for file in (self.readable, self._writable):
+            if file >= 0:
+                close(file)
 
     def leave_to_parent(self) -> None:
         """In a forked child: it has come, and the parent's file is the parent's."""

@@ -23,12 +23,18 @@ DEADLINE_S = 120.0
 
 
 def eventually(
-    condition: Callable[[], T], *, within_s: float = DEADLINE_S, every_s: float = 0.01
+    condition: Callable[[], T],
+    *,
+    within_s: float = DEADLINE_S,
+    every_s: float = 0.01,
+    state: Callable[[], object] = str,
 ) -> T:
-    """The first true value of the condition; an AssertionError where none comes in time."""
+    """The first true value of the condition; an AssertionError with the state if none comes in
+    time.
+    """
     deadline = scheduler.monotonic() + within_s
     while not (value := condition()):
-        assert scheduler.monotonic() < deadline, f"not within {within_s} s"
+        assert scheduler.monotonic() < deadline, f"not within {within_s} s: {state()}"
         scheduler.sleep(every_s)
     return value
 
@@ -40,14 +46,21 @@ async def lookups_wait(buffer: Buffer, count: int = 1) -> None:
             await asyncio.sleep(0)
 
 
-def send_until(broadcast: Callable[[], None], condition: Callable[[], bool]) -> None:
-    """Send again and again until the condition holds, as a broadcaster does."""
+def send_until(
+    broadcast: Callable[[], None],
+    condition: Callable[[], bool],
+    *,
+    state: Callable[[], object] = str,
+) -> None:
+    """Send again and again until the condition holds, as a broadcaster does; `state` is told if it
+    does not in time.
+    """
 
     def sent() -> bool:
         broadcast()
         return condition()
 
-    eventually(sent)
+    eventually(sent, state=state)
 
 
 def keep_sending(

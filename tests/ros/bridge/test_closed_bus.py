@@ -70,16 +70,17 @@ def test_with_its_rights_it_bridges_as_on_an_open_bus(
         clock.send(write_clock(100 * S))
         broadcaster.send_transform(at(1.0, "tool", S))
 
+    def missing() -> dict[str, object]:
+        """What has not arrived yet, by the one who waits for it."""
+        waits = {
+            "laptop": {"base", "bolted", "model", "tool"} - set(buffer.frames()),
+            "clock": {100 * S} - {follower.now_ns()},
+            "amcl": {"tool"} - set(amcl.frames_heard()) | {"fixed"} - set(amcl.statics),
+        }
+        return {who: what for who, what in waits.items() if what}
+
     with TransformListener(buffer, bus.node("laptop")):
-        send_until(
-            send,
-            lambda: (
-                {"base", "bolted", "model", "tool"} <= set(buffer.frames())
-                and follower.now_ns() == 100 * S
-                and "tool" in amcl.frames_heard()
-                and "fixed" in amcl.statics
-            ),
-        )
+        send_until(send, lambda: not missing(), state=lambda: (missing(), lines.lines))
         assert frames_of(buffer, "base", "bolted") == {"ros2/amcl"}
         assert frames_of(buffer, "model") == {"ros2/gazebo"}
     assert not lines.lines

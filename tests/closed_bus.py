@@ -97,6 +97,22 @@ class ClosedBus:
         self._ends.append(session)
         return session
 
+    def links(self) -> dict[str, set[str]]:
+        """The nodes that each node has a link to, without the meeting point."""
+        sessions = [getattr(each, "session", each) for each in self._ends]
+        names = {
+            str(each.zenoh.zid()): each.settings.name
+            for each in sessions
+            if isinstance(each, Session) and each.settings.name != "meeting"
+        }
+        return {
+            each.settings.name: {
+                names[zid] for zid in map(str, each.zenoh.info.peers_zid()) if zid in names
+            }
+            for each in sessions
+            if isinstance(each, Session)
+        }
+
     def close(self) -> None:
         """End all that was opened on it."""
         for each in reversed(self._ends):

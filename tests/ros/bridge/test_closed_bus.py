@@ -80,7 +80,7 @@ def test_with_its_rights_it_bridges_as_on_an_open_bus(
         return {who: what for who, what in waits.items() if what}
 
     with TransformListener(buffer, bus.node("laptop")):
-        send_until(send, lambda: not missing(), state=lambda: (missing(), lines.lines))
+        send_until(send, lambda: not missing(), state=lambda: (missing(), lines.lines, bus.links()))
         assert frames_of(buffer, "base", "bolted") == {"ros2/amcl"}
         assert frames_of(buffer, "model") == {"ros2/gazebo"}
     assert not lines.lines

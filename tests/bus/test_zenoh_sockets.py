@@ -19,6 +19,7 @@ from tfbus.bus.zenoh_sockets import (
     admit_datagrams,
     end_datagrams,
     hold_back,
+    take_more,
     with_sockets,
 )
 
@@ -188,3 +189,31 @@ def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> N
             while True:
                 taken[unsent_bytes] += one.send(bytes(65536))
     assert taken[4096] < taken[None]
+
+
+def test_a_link_takes_more_than_it_was_opened_with(closed_at_the_end: ExitStack) -> None:
+    """The far end sends more of what is not read yet, as soon as it has learned of it."""
+    listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16384)
+    one = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
+    other, _ = listening.accept()
+    closed_at_the_end.enter_context(other)
+
+    def unread() -> int:
+        for _ in range(100):
+            one.sendall(bytes(8192))
+            other.recv(8192, socket.MSG_WAITALL)
+        one.setblocking(False)
+        with suppress(BlockingIOError):
+            while True:
+                one.send(bytes(8192))
+        one.setblocking(True)
+        arrived = len(other.recv(2**20, socket.MSG_PEEK))
+        while select.select([other], [], [], 0.1)[0]:
+            other.recv(2**20)
+        return arrived
+
+    assert unread() <= 16384
+    here, there = (":".join(map(str, end())) for end in (other.getsockname, other.getpeername))
+    take_more({(here, there)})
+    assert unread() > 32768

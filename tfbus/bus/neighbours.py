@@ -42,6 +42,7 @@ from tfbus.bus.zenoh_sockets import (
     hold_back,
     received_by,
     shorten_close,
+    take_more,
 )
 
 # Changes come in groups: an interface, its carrier, its addresses.
@@ -219,6 +220,7 @@ class Neighbours:
             hold_back(_ends(beyond), self._network.unsent_bytes)
             if self._network.tcp_bytes:
                 fit_to_losses(_ends(changes.new), self._network.tcp_bytes)
+                take_more(_ends(changes.new - beyond))
         # Before Zenoh closes an encrypted link, it waits until all is sent: to a host that is gone,
         # as long as TCP tries. Until then it adds the next link to the lost one's connection.
         if changes.half or changes.ended:

@@ -122,8 +122,9 @@ def zenoh_config(
         "connect/endpoints": list(settings.connect),
         "listen/endpoints": list(settings.listen),
     }
-    window = network.tcp_bytes or None
     is_client = (settings.mode or _mode(config)) == "client"
+    is_within_host = is_client and all(map(_is_of_loopback, settings.connect or ("",)))
+    window = None if is_within_host else network.tcp_bytes or None
     if has_datagrams and not is_client:
         for key in ("connect/endpoints", "listen/endpoints"):
             given[key] = _with_datagrams(given[key])

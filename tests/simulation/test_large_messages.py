@@ -64,7 +64,9 @@ class _Viewer:
         return max(after - before for before, after in pairwise(self.came_s))
 
 
-@pytest.mark.parametrize(("profile", "delay_s"), [("mobile", 0.06), ("satellite", 0.3)])
+@pytest.mark.parametrize(
+    ("profile", "delay_s"), [("wifi", 0.01), ("mobile", 0.06), ("satellite", 0.3)]
+)
 def test_images_come_again_and_again_over_a_link_that_has_no_room_for_all(
     network: Network, profile: str, delay_s: float
 ) -> None:

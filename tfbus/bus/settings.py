@@ -82,6 +82,7 @@ NETWORKS = {
             # Of ten tries at a loss of 5 % one fails: two more are to come before *gone*.
             longest_s=0.5,
             tcp_bytes=24576,
+            reads_large=True,
         ),
         Network(
             "mobile",

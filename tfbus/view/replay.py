@@ -266,7 +266,7 @@ class Replay:
         if is_jump:
             self._seek(at_ns)
         else:
-            self._read_to(at_ns)
+            self._frames.advance(at_ns)
         self._error = ""
         return is_jump
 
@@ -290,8 +290,6 @@ class Replay:
     def _restart(self) -> None:
         self._jumps += 1
         self._frames = self.frames_of(self._reader, self._before_s)
-        self._rest: Iterator[Item] | None = None
-        self._next: Item | None = None
 
     def opened_again(self) -> RecordingReader:
         """The files for another thread."""
@@ -303,16 +301,6 @@ class Replay:
             reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
 
-    def _read_to(self, at_ns: int) -> None:
-        # Kept from one picture to the next: to begin again costs a chunk each time.
-        if self._rest is None:
-            self._rest = self._reader.items(self._frames.at_ns + 1, None, self._frames.selection)
-            self._next = next(self._rest, None)
-        while self._next is not None and self._next.log_ns <= at_ns:
-            self._frames.apply(self._next)
-            self._next = next(self._rest, None)
-        self._frames.pass_time(at_ns)
-
     def _try(self, move: Callable[..., bool], *given: Any) -> bool:
         """Move; if the file is damaged it holds, and a seek to another place is possible."""
         try:
@@ -322,8 +310,6 @@ class Replay:
                 self.log.warning("%s", error)
             self._error = str(error)
             self.playhead.pause()
-            # An iterator that has raised has ended.
-            self._rest = None
             return True
 
     @property

@@ -259,8 +259,8 @@ def cloud_at(seconds: float) -> PointCloud:
 @pytest.fixture
 def seen(path: Path, tmp_path: Path) -> Path:
     """The same file with a cloud at the base each half second from 0.5 s on, often a hundred times
-    a second from 6 s to 8 s, and markers: one that
-    stays, one of 2 s, and at 8 s the end of all before another.
+    a second from 6 s to 8 s, and markers: one that stays, one of 2 s, and at 8 s the end of all
+    before another.
     """
     arrays: list[tuple[float, str, Any]] = [
         (tick / 2, "points", cloud_at(tick / 2))

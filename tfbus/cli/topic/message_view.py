@@ -76,7 +76,7 @@ def _is_array(value: object) -> bool:
 
 
 def _numbers(array: Any) -> Any:
-    """The numbers of an array; those of 32 bits with no more digits than tell them apart."""
+    """The numbers of an array, if of 32 bits with no more digits than tell them apart."""
     # As 64 bits 3.51 would be 3.509999990463257.
     short = array.astype(str).astype(float) if array.dtype.str[1:] == "f4" else array
     return short.tolist()

@@ -280,7 +280,7 @@ class TopicLayer:
 
     def _bound_points(self) -> None:
         """Of points that decay the oldest leave if there are too many. Browsers have few items:
-        those that came one after the other within the shortest time become one.
+        two that came one after the other within the shortest time become one.
         """
         counts = {key: len(_points_of(each).xyz) for key, each in self.placed.items()}
         total = sum(counts.values())

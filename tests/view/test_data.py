@@ -2,6 +2,7 @@
 
 import logging
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as PathOfFile
@@ -575,6 +576,31 @@ def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffe
         for second in range(3):
             scenes.step(float(second))
         assert len(panel) == 1
+
+
+def test_a_picture_waits_for_the_past_that_is_being_drawn(buffer: Buffer) -> None:
+    """Of a recording's cloud with a long decay that takes longer than the page to appear."""
+    source, begun, held = MagicMock(is_recorded=True), threading.Event(), threading.Event()
+    kind = (Endpoint("/lidar", type_name(PointCloud)),)
+    source.topics.return_value = {"points": TopicInfo("points", kind)}
+    source.catch_up.side_effect = float
+    source.waiting.return_value = Waiting(PointCloud)
+    was_held: list[bool] = []
+
+    def past(*_: Any) -> list[Any]:
+        begun.set()
+        was_held.append(held.wait(0.2))
+        return [(buffer, 0.0, [cloud(2 * S)])]
+
+    source.past.side_effect = past
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    settings = ViewSettings(topics=(TopicSettings("points"),))
+    scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    assert begun.wait(60.0)
+    scenes.hold()
+    held.set()
+    assert was_held == [False] and scenes.layers["points"].placed
+    scenes.close()
 
 
 def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:

@@ -108,6 +108,15 @@ def test_a_scan_of_a_driving_robot_shows_a_straight_wall() -> None:
     assert np.ptp(buffer.transform(frozen, "odom").xyz()[:, 0]) > 0.5
 
 
+def test_ranges_without_a_measurement_are_no_points() -> None:
+    """Among them those of range_max and of 0, which drivers write for nothing seen."""
+    ranges = np.array([0.0, 0.1, 0.12, 5.0, 29.8, 29.9, 30.0, np.inf, np.nan, -1.0], np.float32)
+    for range_min, points in ((0.12, [0.12, 5.0, 29.8]), (0.0, [0.1, 0.12, 5.0, 29.8])):
+        scan = messages.LaserScan(0, "laser", range_min=range_min, range_max=29.9, ranges=ranges)
+        x = scan.xyz()[:, 0]
+        np.testing.assert_allclose(x[np.isfinite(x)], points, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("name", "times"),
     [

@@ -183,18 +183,20 @@ class TestEcho:
         assert json.loads(run(bus, *echo, "--json")[1])["cells"] == [3.5, 3.25, 3.0]
 
     def test_an_array_is_one_line(self, bus: Bus) -> None:
-        """Cut as lists are, or only its type and shape; JSON has all of it."""
+        """Cut as lists are, its numbers with the digits of their type, or only its type and shape;
+        JSON has all of it.
+        """
         node = bus.node("laser")
         publisher = node.create_publisher(LaserScan, "scan")
-        ranges = np.arange(200, dtype=np.float32)
+        ranges = np.arange(200, dtype=np.float32) / np.float32(10)
         node.create_timer(0.02, lambda: publisher.publish(LaserScan(1, "laser", ranges=ranges)))
         echo = ("echo", "scan", "--once")
         _, out, _ = run(bus, *echo, "-l", "3")
-        assert out.splitlines()[-3:-1] == ["ranges: [0.0, 1.0, 2.0, '...']", "intensities: []"]
+        assert out.splitlines()[-3:-1] == ["ranges: [0.0, 0.1, 0.2, '...']", "intensities: []"]
         _, out, _ = run(bus, *echo, "--no-arr")
         assert "ranges: <float32 array of 200>" in out.splitlines()
         assert json.loads(run(bus, *echo, "--json")[1])["ranges"] == ranges.tolist()
-        assert run(bus, *echo, "--field", "ranges[7]")[1] == "7.0\n---\n"
+        assert run(bus, *echo, "--field", "ranges[7]")[1] == "0.7\n---\n"
 
     def test_a_cloud_an_image_and_a_map_are_summaries(self, bus: Bus) -> None:
         """A person sees what is in them; with --field, -f or in JSON all of it."""

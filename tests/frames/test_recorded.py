@@ -1,8 +1,10 @@
 """The frames at a moment of a recording: as a listener had them then."""
 
 import os
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -360,6 +362,29 @@ def test_the_last_to_send_counts_whatever_files_repeat(
                 **{"cup": "arm", "camera": "arm", "wheel": "base", "flag": "old"}
             }
             assert [name for name, each in found.items() if each.gone] == ["flag"]
+
+
+def test_going_on_in_small_steps_begins_to_read_once(
+    recording: RecordingReader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To begin costs a chunk; after a jump it begins anew, with the same frames as a seek."""
+    begun: list[int | None] = []
+    items = recording.items
+
+    def counted(from_ns: int | None = None, *others: Any) -> Iterator[Item]:
+        begun.append(from_ns)
+        return items(from_ns, *others)
+
+    going, seeking = RecordedFrames(recording), RecordedFrames(recording)
+    for start_s in (1.0, 20.0):
+        going.seek(at(start_s))
+        monkeypatch.setattr(recording, "items", counted)
+        for step in range(1, 101):
+            going.advance(at(start_s + step / 10))
+        monkeypatch.undo()
+        seeking.seek(at(start_s + 10.0))
+        assert states(going) == states(seeking)
+    assert begun == [at(1.0) + 1, at(20.0) + 1]
 
 
 def test_a_namespace_sees_its_own_streams_and_a_fleet_all(tmp_path: Path) -> None:

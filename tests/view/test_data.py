@@ -2,6 +2,7 @@
 
 import logging
 import math
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path as PathOfFile
@@ -49,6 +50,7 @@ from tfbus.view.data.picked import PickedPoint
 from tfbus.view.data.shapes import MOST_POINTS, Bodies, Frustum, Lines, Points, Texture
 from tfbus.view.data.topics import MOST_BYTES, DataOnBus, Waiting, camera_topic
 from tfbus.view.frames import frames_of
+from tfbus.view.panels.data import state_of
 from tfbus.view.scene.camera import Ray
 from tfbus.view.scene.data import DataScenes
 from tfbus.view.settings import (
@@ -145,6 +147,58 @@ def test_clouds_that_decay_stay_for_their_time(buffer: Buffer) -> None:
     assert xs(layer) == [1.0, 2.0]
     layer.step(buffer, "map", 2.5, decaying)
     assert xs(layer) == [2.0]
+
+
+def points_x(layer: TopicLayer) -> list[float]:
+    """The places of the points along x of the fixed frame, in m."""
+    return [
+        float(x)
+        for each in layer.placed.values()
+        for shape in each.item.shapes
+        if isinstance(shape, Points)
+        for x in each.pose.apply(shape.xyz.astype(np.float64))[:, 0]
+    ]
+
+
+def test_of_many_clouds_that_decay_none_leaves_early(buffer: Buffer) -> None:
+    """Each at its own place, though a browser has few items; they leave almost in time."""
+    decaying = TopicSettings("topic", decay_s=1.5, rate_hz=60.0)
+    layer = layer_of(cloud(1 * S))
+    stamps_ns = [1 * S + tick * S // 50 for tick in range(101)]
+    for stamp_ns in stamps_ns:
+        layer.waiting.put(cloud(stamp_ns))
+        layer.step(buffer, "map", stamp_ns / S, decaying)
+    left = [stamp_ns / S + 1.0 for stamp_ns in stamps_ns if stamp_ns > 1.5 * S]
+    found = points_x(layer)
+    np.testing.assert_allclose(found[-len(left) :], left, atol=1e-6)
+    assert len(found) <= len(left) + 10 and len(layer.placed) <= 61
+    layer.step(buffer, "base", 3.0, decaying)
+    assert points_x(layer)[-1] == 1.0 and len(points_x(layer)) < len(left)
+
+
+def test_points_that_decay_stay_when_their_width_changes(buffer: Buffer) -> None:
+    """Only other settings need the messages anew."""
+    layer = layer_of(cloud(1 * S))
+    found = []
+    for second, change in ((1, {}), (2, {"size": 5.0}), (3, {"color": "flat"})):
+        layer.waiting.put(cloud(second * S))
+        chosen = TopicSettings("topic", decay_s=9.0, **change)  # type: ignore[arg-type]
+        layer.step(buffer, "map", float(second), chosen)
+        found.append(xs(layer))
+    assert found == [[1.0], [1.0, 2.0], [2.0, 3.0]]
+
+
+def test_the_panel_says_that_points_left_early(buffer: Buffer) -> None:
+    """Of the points of a topic at most half a million stay."""
+    many = PointCloud.from_xyz(1 * S, "base", np.ones((200_000, 3)))
+    chosen = TopicSettings("topic", decay_s=9.0, most_points=500_000.0)
+    layer = layer_of(many)
+    said = []
+    for second in range(4):
+        layer.step(buffer, "map", float(second), chosen)
+        layer.waiting.put(many)
+        said.append("the newest 500000 points stay" in state_of(layer))
+    assert said == [False, False, False, True]
 
 
 def test_a_scan_whose_ranges_have_times_is_straightened(buffer: Buffer) -> None:
@@ -522,6 +576,31 @@ def test_a_panel_that_is_made_again_gets_the_picture_that_is_there(buffer: Buffe
         for second in range(3):
             scenes.step(float(second))
         assert len(panel) == 1
+
+
+def test_a_picture_waits_for_the_past_that_is_being_drawn(buffer: Buffer) -> None:
+    """Of a recording's cloud with a long decay that takes longer than the page to appear."""
+    source, begun, held = MagicMock(is_recorded=True), threading.Event(), threading.Event()
+    kind = (Endpoint("/lidar", type_name(PointCloud)),)
+    source.topics.return_value = {"points": TopicInfo("points", kind)}
+    source.catch_up.side_effect = float
+    source.waiting.return_value = Waiting(PointCloud)
+    was_held: list[bool] = []
+
+    def past(*_: Any) -> list[Any]:
+        begun.set()
+        was_held.append(held.wait(0.2))
+        return [(buffer, 0.0, [cloud(2 * S)])]
+
+    source.past.side_effect = past
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    settings = ViewSettings(topics=(TopicSettings("points"),))
+    scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    assert begun.wait(60.0)
+    scenes.hold()
+    held.set()
+    assert was_held == [False] and scenes.layers["points"].placed
+    scenes.close()
 
 
 def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:

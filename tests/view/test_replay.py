@@ -19,7 +19,8 @@ from tfbus.messages import Marker, MarkerArray, PointCloud, PoseStamped, Vector3
 from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
-from tfbus.view.data.layer import TopicLayer
+from tfbus.view.data.layer import PlacedItem, TopicLayer
+from tfbus.view.data.shapes import Points
 from tfbus.view.replay import RecordedData, Replay
 from tfbus.view.settings import TopicSettings, topic_of
 from tfbus.wire.codec import decode_map, encode_message, type_name
@@ -223,6 +224,12 @@ def test_a_fleet_has_the_frames_of_all_robots(tmp_path: Path) -> None:
 
 def drawn(replay: Replay, topic: str, **settings: float) -> dict[object, float]:
     """The items of a topic that a page draws at the cursor, and where along x of the map."""
+    placed = placed_of(replay, topic, **settings)
+    return {key: round(float(each.pose.xyz[0]), 2) for key, each in placed.items()}
+
+
+def placed_of(replay: Replay, topic: str, **settings: float) -> dict[object, PlacedItem]:
+    """The items of a topic that a page draws at the cursor."""
     data = RecordedData(replay)
     try:
         topics = data.topics()
@@ -234,7 +241,7 @@ def drawn(replay: Replay, topic: str, **settings: float) -> dict[object, float]:
         chosen = TopicSettings(topic, **settings)
         layer.recall(data.past(topic, chosen), "map", chosen)
         layer.step(replay.buffer, "map", now_s, chosen, pace_s=now_s)
-        return {key: round(float(each.pose.xyz[0]), 2) for key, each in layer.placed.items()}
+        return layer.placed
     finally:
         data.close()
 
@@ -244,13 +251,19 @@ def cube(number: int, seconds: float, **values: Any) -> Marker:
     return Marker(at(seconds), "base", "some", number, scale=Vector3(1, 1, 1), **values)
 
 
+def cloud_at(seconds: float) -> PointCloud:
+    """A cloud of one point, where the base is."""
+    return PointCloud.from_xyz(at(seconds), "base", np.zeros((1, 3)))
+
+
 @pytest.fixture
 def seen(path: Path, tmp_path: Path) -> Path:
-    """The same file with a cloud at the base each half second from 0.5 s on, and markers: one that
-    stays, one of 2 s, and at 8 s the end of all before another.
+    """The same file with a cloud at the base each half second from 0.5 s on, often a hundred times
+    a second from 6 s to 8 s, and markers: one that stays, one of 2 s, and at 8 s the end of all
+    before another.
     """
     arrays: list[tuple[float, str, Any]] = [
-        (tick / 2, "points", PointCloud.from_xyz(at(tick / 2), "base", np.zeros((1, 3))))
+        (tick / 2, "points", cloud_at(tick / 2))
         for tick in range(1, 23)
         if not (4 < tick < 8 or 10 <= tick < 12)
     ]
@@ -262,6 +275,7 @@ def seen(path: Path, tmp_path: Path) -> Path:
             MarkerArray((Marker(at(8.0), "base", action=Marker.DELETEALL), cube(3, 8.0))),
         ),
         (1.5, "where", PoseStamped(at(1.5), "base")),
+        *((tick / 100, "often", cloud_at(tick / 100)) for tick in range(600, 800)),
         # As no topic of the bus is called.
         (1.5, "where#2", PoseStamped(at(1.5), "base")),
     ]
@@ -302,6 +316,20 @@ def test_messages_are_drawn_as_they_were_at_the_cursor(seen: Path, seconds: list
                 assert [*drawn(replay, name).values()] == poses
             if ("some", 1) in markers:
                 assert drawn(replay, "markers")["some", 1] == 1.0
+
+
+def test_all_points_that_decay_are_there_after_a_jump(seen: Path) -> None:
+    """However many messages they are of."""
+    with RecordingReader(seen) as reader:
+        replay = Replay(reader, at_ns=at(7.951))
+        places = [
+            round(float(x), 2)
+            for each in placed_of(replay, "often", decay_s=1.8).values()
+            for points in each.item.shapes
+            if isinstance(points, Points)
+            for x in each.pose.apply(points.xyz.astype(float))[:, 0]
+        ]
+        assert places[-180:] == [tick / 100 for tick in range(616, 796)]
 
 
 def test_playing_reads_on_and_a_jump_begins_anew(seen: Path) -> None:

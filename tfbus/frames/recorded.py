@@ -103,6 +103,8 @@ class RecordedFrames:
         self._follows_clock = follows
         self._selection = self._make_selection()
         self._at_ns = source.start_ns
+        # What comes after a moment: the next item, and those behind it.
+        self._ahead: tuple[int, Item | None, Iterator[Item]] | None = None
         self._start()
 
     @cached_property
@@ -184,8 +186,18 @@ class RecordedFrames:
         if to_ns < self._at_ns:
             self.seek(to_ns)
             return
-        for _ in self.play(to_ns):
-            pass
+        ahead, self._ahead = self._ahead, None
+        if ahead is None or ahead[0] != self._at_ns:
+            items = self._source.items(self._at_ns + 1, None, self._selection)
+            item = next(items, None)
+        else:
+            _, item, items = ahead
+        while item is not None and item.log_ns <= to_ns:
+            self.apply(item)
+            item = next(items, None)
+        self.pass_time(to_ns)
+        # To begin again costs a chunk each time.
+        self._ahead = to_ns, item, items
 
     def play(self, to_ns: int, every_ns: int | None = None) -> Iterator[Item | Tick]:
         """Go on to a later log time; yields each item when it has been taken. Streams and frames in
@@ -413,11 +425,6 @@ class RecordedFrames:
     def statics(self) -> "Statics":
         """The static transforms that are known at a moment."""
         return self._statics
-
-    @property
-    def selection(self) -> Selection:
-        """The items that it takes."""
-        return self._selection
 
     @property
     def viewpoint(self) -> Viewpoint:

@@ -360,8 +360,8 @@ class LaserScan(WithArrays):
 
     `ranges` in m are at the angles angle_min + i * angle_increment, in rad about z from x; stamp_ns
     is when the first was measured, and `time_increment` how many seconds pass between two. A range
-    outside of range_min to range_max, infinite or NaN is no measurement. `intensities` are as many,
-    in units of the device, or none. `scan_time` is the time between two scans in s.
+    below range_min, of range_max or more, of 0, infinite or NaN is no measurement. `intensities`
+    are as many, in units of the device, or none. `scan_time` is the time between two scans in s.
     """
 
     __msgtype__: ClassVar[str] = "sensor_msgs/msg/LaserScan"
@@ -393,10 +393,12 @@ class LaserScan(WithArrays):
     def xyz(self) -> "NDArray[np.float64]":
         """The points (N, 3) in m in the frame of the sensor, NaN where there is no measurement."""
         angles = self.angles()
-        ranges = self.ranges.astype(np.float64)
-        with np.errstate(invalid="ignore"):
-            is_measured = (ranges >= self.range_min) & (ranges <= self.range_max)
-        ranges[~(is_measured & np.isfinite(ranges))] = np.nan
+        # As RViz: drivers write range_max, or 0, for nothing seen. In the 32 bits of the ranges, or
+        # one of 29.9 m would be below a range_max of that.
+        with np.errstate(invalid="ignore", over="ignore"):
+            least, most = np.float32(self.range_min), np.float32(self.range_max)
+            is_measured = (self.ranges >= least) & (self.ranges < most) & (self.ranges > 0.0)
+        ranges = np.where(is_measured, self.ranges.astype(np.float64), np.nan)
         xyz = np.zeros((len(ranges), 3))
         xyz[:, 0] = ranges * np.cos(angles)
         xyz[:, 1] = ranges * np.sin(angles)

@@ -19,6 +19,7 @@ from tfbus.frames.recorded import RecordedFrames
 from tfbus.recording.items import Item, Selection, TopicItem, TransformItem
 from tfbus.recording.playhead import Playhead, stepped_ns
 from tfbus.recording.reader import RecordingReader
+from tfbus.view.data.layer import MOST_DECAYING_POINTS
 from tfbus.view.data.topics import (
     EVERY,
     MOST_CHOICES,
@@ -266,7 +267,7 @@ class Replay:
         if is_jump:
             self._seek(at_ns)
         else:
-            self._read_to(at_ns)
+            self._frames.advance(at_ns)
         self._error = ""
         return is_jump
 
@@ -290,8 +291,6 @@ class Replay:
     def _restart(self) -> None:
         self._jumps += 1
         self._frames = self.frames_of(self._reader, self._before_s)
-        self._rest: Iterator[Item] | None = None
-        self._next: Item | None = None
 
     def opened_again(self) -> RecordingReader:
         """The files for another thread."""
@@ -303,16 +302,6 @@ class Replay:
             reader, namespace=self._namespace, fleet=self.fleet, cache_time_s=cache_time_s
         )
 
-    def _read_to(self, at_ns: int) -> None:
-        # Kept from one picture to the next: to begin again costs a chunk each time.
-        if self._rest is None:
-            self._rest = self._reader.items(self._frames.at_ns + 1, None, self._frames.selection)
-            self._next = next(self._rest, None)
-        while self._next is not None and self._next.log_ns <= at_ns:
-            self._frames.apply(self._next)
-            self._next = next(self._rest, None)
-        self._frames.pass_time(at_ns)
-
     def _try(self, move: Callable[..., bool], *given: Any) -> bool:
         """Move; if the file is damaged it holds, and a seek to another place is possible."""
         try:
@@ -322,8 +311,6 @@ class Replay:
                 self.log.warning("%s", error)
             self._error = str(error)
             self.playhead.pause()
-            # An iterator that has raised has ended.
-            self._rest = None
             return True
 
     @property
@@ -334,7 +321,9 @@ class Replay:
 # Messages before the cursor that are looked at, of each topic, to draw the scene at it.
 _MOST_BYTES = 100_000_000
 _MOST_MESSAGES = 1000
-_MOST_DECAYING = 60
+_MOST_LOOKED_AT = 20_000
+# Half of them may be NaN.
+_MOST_POINTS = 2 * MOST_DECAYING_POINTS
 _MOST_LINES = 100
 # Of the others the newest of this time are candidates.
 _CHOICES_NS = 1_000_000_000
@@ -430,13 +419,16 @@ class RecordedData:
         self, topic: str, message_type: type, settings: TopicSettings
     ) -> list[tuple[int, Any]]:
         """Log times and messages, the newest first."""
-        least_ns, most, size = 0, _MOST_MESSAGES, 0
+        least_ns, most, apart_ns = 0, _MOST_MESSAGES, 0
+        size = points = 0
         is_newest = message_type not in EVERY
         if message_type is messages.Log:
             most = _MOST_LINES
         elif settings.decay_s and message_type in POINTS:
-            least_ns, most = self._cursor.at_ns - int(settings.decay_s * 1e9), _MOST_DECAYING
-            is_newest = False
+            # Of too many some, of all the time.
+            decay_ns = int(settings.decay_s * 1e9)
+            least_ns, apart_ns = self._cursor.at_ns - decay_ns, decay_ns // most
+            most, is_newest = _MOST_LOOKED_AT, False
         found: list[tuple[int, Any]] = []
         seen: set[tuple[str, int | None]] = set()
         selection = Selection(topics=(self._full_name(topic),))
@@ -447,11 +439,16 @@ class RecordedData:
                 least_ns = found[0][0] - _CHOICES_NS
             if item.log_ns < least_ns or count > most or size > _MOST_BYTES:
                 break
+            if found and found[-1][0] - item.log_ns < apart_ns:
+                continue
             message = self._message(topic, message_type, item)
             if message is None or not _is_news(message, seen):
                 continue
             found.append((item.log_ns, message))
             size += size_of(message)
+            points += len(message) if isinstance(message, messages.PointCloud) else 0
+            if points > _MOST_POINTS and not is_newest and not settings.voxel:
+                break
             if ("", None) in seen or (is_newest and len(found) >= MOST_CHOICES):
                 break
         return found

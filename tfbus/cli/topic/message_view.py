@@ -63,7 +63,7 @@ class Shortening:
         if not self.lists:
             shape = " by ".join(map(str, array.shape))
             return f"<{array.dtype} array of {shape}>"
-        kept = array[: self.longest].tolist()
+        kept = _numbers(array[: self.longest])
         return OneLine(kept if len(kept) == len(array) else [*kept, "..."])
 
     def _mark(self, value: str | bytes) -> str:
@@ -73,6 +73,13 @@ class Shortening:
 
 def _is_array(value: object) -> bool:
     return hasattr(value, "dtype")
+
+
+def _numbers(array: Any) -> Any:
+    """The numbers of an array, if of 32 bits with no more digits than tell them apart."""
+    # As 64 bits 3.51 would be 3.509999990463257.
+    short = array.astype(str).astype(float) if array.dtype.str[1:] == "f4" else array
+    return short.tolist()
 
 
 _FIRST_ROWS = 3
@@ -96,7 +103,7 @@ def _of_cloud(cloud: PointCloud) -> object:
     return {
         "points": len(cloud),
         "columns": {name: _span(cloud[name]) for name in names},
-        "first": [OneLine([number for part in row for number in part.tolist()]) for row in first],
+        "first": [OneLine([number for part in row for number in _numbers(part)]) for row in first],
     }
 
 
@@ -155,7 +162,7 @@ def part_of(message: Any, path: str) -> Any:
         is_list = isinstance(at, list) or _is_array(at)
         if is_list and name.isdigit() and int(name) < len(at):
             at = at[int(name)]
-            at = at.tolist() if _is_array(at) else at
+            at = _numbers(at) if _is_array(at) else at
         elif isinstance(at, dict) and name in (named := _by_all_names(at)):
             at = named[name]
         else:
@@ -193,7 +200,7 @@ def _leaves(value: Any) -> Iterator[Any]:
     if isinstance(value, dict):
         value = list(value.values())
     if _is_array(value):
-        value = value.tolist()
+        value = _numbers(value)
     if isinstance(value, list):
         for item in value:
             yield from _leaves(item)

@@ -5,6 +5,7 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -37,9 +38,9 @@ Picture = NDArray[np.uint8]
 # A message whose transform is not known after so long is not drawn.
 _WAITS_S = 5.0
 _TROUBLE_AFTER_S = 1.0
-# Of clouds that decay, as many messages, and points, are drawn; of markers as many.
+# Of clouds that decay, as many points are drawn, in as many items; of markers as many.
+MOST_DECAYING_POINTS = 500_000
 _MOST_DECAYING = 60
-_MOST_DECAYING_POINTS = 500_000
 _MOST_MARKERS = 2000
 _MOST_TRAIL = 2000
 _MOST_LINES = 100
@@ -50,11 +51,14 @@ _IMAGES = (messages.Image, messages.CompressedImage)
 
 @dataclass(frozen=True, eq=False)
 class PlacedItem:
-    """An item at a pose in the fixed frame, until the time `ends_s`."""
+    """An item at a pose in the fixed frame, until the time `ends_s`. With `joins_s` it has the
+    points of several messages, which came within so many seconds.
+    """
 
     item: Item
     pose: Transform
     ends_s: float = math.inf
+    joins_s: float = 0.0
 
 
 class TopicLayer:
@@ -62,9 +66,10 @@ class TopicLayer:
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. Points can be coloured
     by `columns`, and `span` are the numbers of the first and the last colour, if
-    numbers are coloured. `namespaces` are the markers'. `age_s` is how old the message
-    drawn last was then. `waits_in` is the frame of messages that wait for a transform for some
-    time, `waiting_count` of them; "" if none does.
+    numbers are coloured. `is_cut` says that points left early, as they were too many.
+    `namespaces` are the markers'. `age_s` is how old the message drawn last was then. `waits_in` is
+    the frame of messages that wait for a transform for some time, `waiting_count` of them; "" if
+    none does.
     """
 
     def __init__(self, waiting: Waiting) -> None:
@@ -74,6 +79,7 @@ class TopicLayer:
         self.lines: deque[messages.Log] = deque(maxlen=_MOST_LINES)
         self.columns: tuple[str, ...] = ()
         self.span: tuple[float, float] | None = None
+        self.is_cut = False
         self.namespaces: dict[str, None] = {}
         self.age_s: float | None = None
         self._newest_ns = 0
@@ -131,12 +137,13 @@ class TopicLayer:
         if fixed_frame != self._fixed_frame:
             self._fixed_frame = fixed_frame
             for key, each in [*self.placed.items()]:
-                self._unplaced.setdefault(key, (each.item, now_s))
+                if not each.joins_s:  # its messages had places of their own
+                    self._unplaced.setdefault(key, (each.item, now_s))
             # Without a place in the new one they would be drawn at a wrong one.
             self.placed.clear()
         for key in [key for key, each in self.placed.items() if each.ends_s <= now_s]:
             del self.placed[key]
-        if self._settings is not None and settings != self._settings and self._last is not None:
+        if self._last is not None and not _are_alike(self._settings, settings):
             self._again(buffer, now_s, settings)
         self._settings = settings
         before = self.drawn
@@ -170,6 +177,7 @@ class TopicLayer:
         """Draw the last message by other settings."""
         self.placed.clear()
         self._unplaced.clear()
+        self.is_cut = False
         if not isinstance(self._last, _IMAGES):
             self._try(buffer, self._last, now_s, settings, None)
 
@@ -271,16 +279,23 @@ class TopicLayer:
         return items_of(message, settings, found.transform)
 
     def _bound_points(self) -> None:
-        points = [
-            (key, sum(len(shape.xyz) for shape in each.item.shapes if hasattr(shape, "xyz")))
-            for key, each in self.placed.items()
-        ]
-        total = sum(count for _, count in points)
-        for key, count in points[:-1]:
-            if total <= _MOST_DECAYING_POINTS and len(self.placed) <= _MOST_DECAYING:
-                return
+        """Of points that decay the oldest leave if there are too many. Browsers have few items:
+        two that came one after the other within the shortest time become one.
+        """
+        counts = {key: len(_points_of(each).xyz) for key, each in self.placed.items()}
+        total = sum(counts.values())
+        self.is_cut = total > MOST_DECAYING_POINTS
+        for key in [*counts][:-1]:
+            if total <= MOST_DECAYING_POINTS:
+                break
             del self.placed[key]
-            total -= count
+            total -= counts[key]
+        while len(self.placed) > _MOST_DECAYING:
+            _, first, second = min(
+                (_joined_s(self.placed[first], self.placed[second]), first, second)
+                for first, second in pairwise(self.placed)
+            )
+            self.placed[first] = _joined(self.placed[first], self.placed.pop(second))
 
     # Every message
 
@@ -414,6 +429,39 @@ class TopicLayer:
     def _refuse(self, error: Exception) -> None:
         self.dropped["cannot be drawn"] += 1
         self._refusal = printable(str(error), 300)
+
+
+def _are_alike(former: TopicSettings | None, settings: TopicSettings) -> bool:
+    """Whether what was made by the former settings holds by these, too: points that decay are not
+    there another time.
+    """
+    return former is None or settings == replace(
+        former, size=settings.size, rate_hz=settings.rate_hz
+    )
+
+
+def _points_of(placed: PlacedItem) -> Points:
+    """The points of an item of a cloud or scan."""
+    return next(shape for shape in placed.item.shapes if isinstance(shape, Points))
+
+
+def _joined_s(before: PlacedItem, after: PlacedItem) -> float:
+    """Within how many seconds the messages of both came."""
+    return before.joins_s + after.ends_s - before.ends_s
+
+
+def _joined(before: PlacedItem, after: PlacedItem) -> PlacedItem:
+    """The points of both as an item at the pose of the first, until the end of the second."""
+    first, second = _points_of(before), _points_of(after)
+    moved = (~before.pose @ after.pose).apply(second.xyz.astype(np.float64))
+    points = replace(
+        second,
+        xyz=np.concatenate((first.xyz, moved.astype(np.float32))),
+        colors=np.concatenate((first.colors, second.colors)),
+        rows=np.concatenate((first.rows, second.rows)),
+    )
+    item = replace(before.item, shapes=(points,))
+    return PlacedItem(item, before.pose, after.ends_s, _joined_s(before, after))
 
 
 # By the numbers in a message: its checks cannot foresee all.

@@ -10,7 +10,7 @@ import viser
 from tfbus import messages
 from tfbus.base.wording import printable
 from tfbus.bus.graph import TopicInfo
-from tfbus.view.data.layer import TopicLayer
+from tfbus.view.data.layer import MOST_DECAYING_POINTS, TopicLayer
 from tfbus.view.data.shapes import RGB_OF
 from tfbus.view.data.topics import POINTS, drawn_type
 from tfbus.view.panels.controls import Control
@@ -229,7 +229,7 @@ class _TopicRow:
                 self._slider(
                     "pixels", "Size (pixels)", 0.5, "0: so wide as Size (cm) says, in the scene."
                 )
-                self._slider("decay_s", "Decay (s)", 0.5)
+                self._number("decay_s", "Decay (s)", 1.0)
                 self._slider("voxel", "Voxel (cm)", 1.0)
                 self._number("most_points", "Points at most", 1000.0)
             if message_type is messages.OccupancyGrid:
@@ -416,6 +416,7 @@ def state_of(layer: TopicLayer, rejected: int = 0, mistakes: Sequence[str] = ())
     overtaken = layer.waiting.dropped
     facts += [f"{overtaken} overtaken by newer ones"] if overtaken else []
     facts += [f"{rejected} unreadable"] if rejected else []
+    facts += [f"the newest {MOST_DECAYING_POINTS} points stay"] if layer.is_cut else []
     text = f'<div class="tf tf-dim">{escape(" · ".join(facts))}</div>'
     for mistake in (*mistakes, *([layer.trouble] if layer.trouble else [])):
         text += f'<div class="tf tf-alarm" role="alert">{escape(mistake)}</div>'

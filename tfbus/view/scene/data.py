@@ -41,6 +41,8 @@ _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
+# A picture is taken then, whatever is drawn.
+_HOLDS_AFTER_S = 60.0
 # Nodes that begin with the view have told their topics by then.
 _ABSENT_AFTER_S = 5.0
 
@@ -86,6 +88,7 @@ class DataScenes:
         self._items = DrawnItems(server, mesh_named)
         self._sight: _Sight | None = None
         self._is_held = False
+        self._drawing = threading.Lock()
         self._since_s = scheduler.monotonic()
         self._has_warned = False
         self._warned: set[str] = set()
@@ -213,8 +216,13 @@ class DataScenes:
         self._source.close()
 
     def hold(self) -> None:
-        """Leave everything as it is, for a picture."""
+        """Leave everything as it is, for a picture, once the drawing in progress has ended: with
+        the messages of a past it takes long.
+        """
+        is_drawn = self._drawing.acquire(timeout=_HOLDS_AFTER_S)
         self._is_held = True
+        if is_drawn:
+            self._drawing.release()
 
     @property
     def has_pictures_without_camera(self) -> bool:
@@ -253,7 +261,8 @@ class DataScenes:
         while not self._ended.wait(max(_PERIOD_S, rest_s)):
             begin_s = time.monotonic()
             try:
-                self.step(begin_s)
+                with self._drawing:
+                    self.step(begin_s)
             except Exception as error:
                 if self._ended.is_set():
                     return

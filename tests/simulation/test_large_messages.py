@@ -114,6 +114,19 @@ def test_images_come_from_a_camera_that_was_restarted(network: Network) -> None:
         network.restart(camera)
 
 
+def test_who_subscribes_later_gets_no_image_of_before(network: Network) -> None:
+    """The topic retains none, on whatever network."""
+    with network.process(network.host("robot"), "camera"):
+        node = tfbus.Node(settings=_settings("camera", "wifi"))
+        publisher = node.create_publisher(CompressedImage, "camera")
+        now_ns = node.now_ns()
+        publisher.publish(CompressedImage(now_ns, "camera", "jpeg", _data(now_ns)))
+    network.run(30.0)
+    viewer = _Viewer(network, "base", "wifi")
+    network.run(30.0)
+    assert viewer.stamps == []
+
+
 def test_images_come_after_a_link_was_cut(network: Network) -> None:
     """Whatever it cut off is forgotten."""
     network.path(network.host("robot"), network.host("base"), delay_s=0.06, bytes_a_second=_MBIT)

@@ -45,6 +45,10 @@ _LAST_QUESTION_S = 2.0
 # A part comes later only if the link carries hardly anything.
 _ANSWER_WITHIN_S = 10.0
 
+# For so long the newest message is answered: subscribers that come later get none from before, as
+# on other networks.
+_NEW_FOR_S = 5.0
+
 # So many messages, and bytes of them, are kept for readers that have a part of them.
 _KEPT, _KEPT_BYTES = 16, 32_000_000
 
@@ -100,6 +104,7 @@ class NewestLarge:
         self._priority = zenoh.Priority.DATA_LOW
         self._lock = scheduler.Lock()
         self._newest = b""
+        self._put_s = 0.0
         self._crcs: deque[int] = deque(maxlen=_OLDER)
         # Those that readers asked for, the last one at the end.
         self._kept: OrderedDict[int, bytes] = OrderedDict()
@@ -110,7 +115,7 @@ class NewestLarge:
         """Send a message to all that subscribe, as far as links have room."""
         if self._session.network.reads_large and len(payload) >= LARGE_BYTES:
             with self._lock:
-                self._newest = bytes(payload)
+                self._newest, self._put_s = bytes(payload), scheduler.monotonic()
                 self._crcs.append(zlib.crc32(payload))
             if not self._declared:
                 self._declare()
@@ -149,7 +154,8 @@ class NewestLarge:
         if of is None:
             with self._lock:
                 payload, (*older, crc), at = self._newest, self._crcs, 0
-            if str(crc) in (query.parameter("has") or "").split(","):
+                is_old = scheduler.monotonic() > self._put_s + _NEW_FOR_S
+            if is_old or str(crc) in (query.parameter("has") or "").split(","):
                 return None
         else:
             crc, at, older = _number(of), _number(query.parameter("from") or "0"), []

@@ -123,7 +123,11 @@ def zenoh_config(
         "listen/endpoints": list(settings.listen),
     }
     is_client = (settings.mode or _mode(config)) == "client"
-    is_within_host = is_client and all(map(_is_of_loopback, settings.connect or ("",)))
+    is_within_host = (
+        is_client
+        and not (settings.listen or _is_in(named, "listen/endpoints"))
+        and all(map(_is_of_loopback, settings.connect or ("",)))
+    )
     window = None if is_within_host else network.tcp_bytes or None
     if has_datagrams and not is_client:
         for key in ("connect/endpoints", "listen/endpoints"):

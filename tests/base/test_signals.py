@@ -191,9 +191,7 @@ def test_as_python_ends_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def test_a_signal_may_end_the_construction(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is half made ends without a word, as in a process that begins to listen to signals while
-    an object of it does already.
-    """
+    """A half-constructed flag is deleted without an error."""
 
     def interrupted() -> tuple[int, int]:
         raise KeyboardInterrupt

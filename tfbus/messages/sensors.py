@@ -393,8 +393,8 @@ class LaserScan(WithArrays):
     def xyz(self) -> "NDArray[np.float64]":
         """The points (N, 3) in m in the frame of the sensor, NaN where there is no measurement."""
         angles = self.angles()
-        # As RViz: drivers write range_max, or 0, for nothing seen. In the 32 bits of the ranges, or
-        # one of 29.9 m would be below a range_max of that.
+        # Drivers write range_max, which RViz leaves out too, or 0 for nothing seen. In the 32 bits
+        # of the ranges, or one of 29.9 m would be below a range_max of that.
         with np.errstate(invalid="ignore", over="ignore"):
             least, most = np.float32(self.range_min), np.float32(self.range_max)
             is_measured = (self.ranges >= least) & (self.ranges < most) & (self.ranges > 0.0)

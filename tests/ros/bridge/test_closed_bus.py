@@ -71,7 +71,7 @@ def test_with_its_rights_it_bridges_as_on_an_open_bus(
         broadcaster.send_transform(at(1.0, "tool", S))
 
     def missing() -> dict[str, object]:
-        """What has not arrived yet, by the one who waits for it."""
+        """The frames and times still missing, by node."""
         waits = {
             "laptop": {"base", "bolted", "model", "tool"} - set(buffer.frames()),
             "clock": {100 * S} - {follower.now_ns()},

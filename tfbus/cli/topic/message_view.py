@@ -75,11 +75,17 @@ def _is_array(value: object) -> bool:
     return hasattr(value, "dtype")
 
 
+# Digits take a microsecond or two of each number.
+_MOST_SHORT = 100_000
+
+
 def _numbers(array: Any) -> Any:
-    """The numbers of an array, if of 32 bits with no more digits than tell them apart."""
+    """The numbers of an array; 32-bit floats with the fewest digits that tell them apart, unless
+    there are very many.
+    """
     # As 64 bits 3.51 would be 3.509999990463257.
-    short = array.astype(str).astype(float) if array.dtype.str[1:] == "f4" else array
-    return short.tolist()
+    is_short = array.dtype.str[1:] == "f4" and array.size <= _MOST_SHORT
+    return (array.astype(str).astype(float) if is_short else array).tolist()
 
 
 _FIRST_ROWS = 3

@@ -630,6 +630,22 @@ def test_a_picture_waits_for_the_past_that_is_being_drawn(buffer: Buffer) -> Non
     scenes.close()
 
 
+def test_closing_the_page_ends_the_drawing_of_a_past(buffer: Buffer) -> None:
+    """A recording's may take seconds."""
+    source, begun = MagicMock(is_recorded=True), threading.Event()
+    kind = (Endpoint("/lidar", type_name(PointCloud)),)
+    source.topics.return_value = {"points": TopicInfo("points", kind)}
+    source.catch_up.side_effect = float
+    source.waiting.return_value = Waiting(PointCloud)
+    source.past.return_value = ((buffer, 0.0, []) for _ in iter(begun.set, 0))
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    settings = ViewSettings(topics=(TopicSettings("points"),))
+    scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    assert begun.wait(60.0)
+    scenes.close()
+    assert scenes._thread is not None and not scenes._thread.is_alive()
+
+
 def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:
     """And stays so until the next message."""
     layer = layer_of(cloud(2 * S))

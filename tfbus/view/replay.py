@@ -453,7 +453,7 @@ class RecordedData:
 
     @property
     def _is_overtaken(self) -> bool:
-        """Whether the cursor has jumped again: what is read for its former place is thrown away."""
+        """Whether the cursor has jumped again: messages of its former place are not drawn."""
         return self._replay.cursor.jumps != self._cursor.jumps
 
     def _buffer_at(self, log_ns: int) -> Buffer:

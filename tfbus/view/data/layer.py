@@ -202,7 +202,7 @@ class TopicLayer:
         self._due_s = 0.0
 
     def is_by(self, fixed_frame: str, settings: TopicSettings) -> bool:
-        """Whether what is drawn stays valid in this fixed frame, under these settings."""
+        """Whether drawn items stay valid in this fixed frame, under these settings."""
         return self._fixed_frame == fixed_frame and _are_alike(self._settings, settings)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:

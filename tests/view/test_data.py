@@ -161,19 +161,43 @@ def points_x(layer: TopicLayer) -> list[float]:
 
 
 def test_of_many_clouds_that_decay_none_leaves_early(buffer: Buffer) -> None:
-    """Each at its own place, though a browser has few items; they leave almost in time."""
+    """Each at its own place, though a browser has few items, which seldom change; they leave almost
+    in time.
+    """
     decaying = TopicSettings("topic", decay_s=1.5, rate_hz=60.0)
     layer = layer_of(cloud(1 * S))
-    stamps_ns = [1 * S + tick * S // 50 for tick in range(101)]
-    for stamp_ns in stamps_ns:
+    stamps_ns = [1 * S + tick * S // 400 for tick in range(801)]
+    sent: dict[int, Any] = {}
+    for pace_s, stamp_ns in enumerate(stamps_ns):
         layer.waiting.put(cloud(stamp_ns))
-        layer.step(buffer, "map", stamp_ns / S, decaying)
+        layer.step(buffer, "map", stamp_ns / S, decaying, pace_s=pace_s)
+        sent |= {id(each.item): each.item.shapes[0] for each in layer.placed.values()}
     left = [stamp_ns / S + 1.0 for stamp_ns in stamps_ns if stamp_ns > 1.5 * S]
     found = points_x(layer)
     np.testing.assert_allclose(found[-len(left) :], left, atol=1e-6)
-    assert len(found) <= len(left) + 10 and len(layer.placed) <= 61
-    layer.step(buffer, "base", 3.0, decaying)
-    assert points_x(layer)[-1] == 1.0 and len(points_x(layer)) < len(left)
+    assert len(found) <= len(left) + 20 and len(layer.placed) <= 61
+    assert sum(len(each.xyz) for each in sent.values()) < 4 * len(stamps_ns)
+
+
+def test_points_that_decay_stay_whole_in_another_fixed_frame(buffer: Buffer) -> None:
+    """For the time that is left, also if their messages came at once, or as often as it changes;
+    without a way to it nothing is drawn.
+    """
+    buffer.set_transform(moved(0, "map", "floor", -1.0), static=True)
+    decaying = TopicSettings("topic", decay_s=9.0, rate_hz=60.0)
+    layer = layer_of(cloud(1 * S))
+    for tick in range(101):
+        stamp_ns = 1 * S + tick * S // 50
+        layer.waiting.put(cloud(stamp_ns))
+        layer.step(buffer, "map", float(tick > 50), decaying, pace_s=stamp_ns / S)
+    found = np.array(points_x(layer))
+    for fixed_frame, x, now_s in (("floor", 1.0, 1.0), ("map", 0.0, 8.0), ("floor", 1.0, 8.9)):
+        layer.step(buffer, fixed_frame, now_s, decaying)
+        np.testing.assert_allclose(points_x(layer), found + x, atol=1e-6)
+    layer.step(buffer, "floor", 9.5, decaying)
+    assert 0 < len(points_x(layer)) <= 60
+    layer.step(buffer, "elsewhere", 9.6, decaying)
+    assert not points_x(layer)
 
 
 def test_points_that_decay_stay_when_their_width_changes(buffer: Buffer) -> None:
@@ -186,19 +210,22 @@ def test_points_that_decay_stay_when_their_width_changes(buffer: Buffer) -> None
         layer.step(buffer, "map", float(second), chosen)
         found.append(xs(layer))
     assert found == [[1.0], [1.0, 2.0], [2.0, 3.0]]
+    wider, bluer = replace(chosen, size=9.0, rate_hz=3.0), replace(chosen, rgb="#0000ff")
+    assert [layer.is_by("map", each) for each in (chosen, wider, bluer)] == [True, True, False]
 
 
 def test_the_panel_says_that_points_left_early(buffer: Buffer) -> None:
-    """Of the points of a topic at most half a million stay."""
+    """Of the points of a topic at most half a million stay. It says so until they had left."""
     many = PointCloud.from_xyz(1 * S, "base", np.ones((200_000, 3)))
     chosen = TopicSettings("topic", decay_s=9.0, most_points=500_000.0)
     layer = layer_of(many)
     said = []
-    for second in range(4):
+    for second in (0, 1, 2, 3, 11, 13):
         layer.step(buffer, "map", float(second), chosen)
-        layer.waiting.put(many)
+        if second < 2:
+            layer.waiting.put(many)
         said.append("the newest 500000 points stay" in state_of(layer))
-    assert said == [False, False, False, True]
+    assert said == [False, False, True, True, False, False]
 
 
 def test_a_scan_whose_ranges_have_times_is_straightened(buffer: Buffer) -> None:
@@ -601,6 +628,22 @@ def test_a_picture_waits_for_the_past_that_is_being_drawn(buffer: Buffer) -> Non
     held.set()
     assert was_held == [False] and scenes.layers["points"].placed
     scenes.close()
+
+
+def test_closing_the_page_ends_the_drawing_of_a_past(buffer: Buffer) -> None:
+    """A recording's may take seconds."""
+    source, begun = MagicMock(is_recorded=True), threading.Event()
+    kind = (Endpoint("/lidar", type_name(PointCloud)),)
+    source.topics.return_value = {"points": TopicInfo("points", kind)}
+    source.catch_up.side_effect = float
+    source.waiting.return_value = Waiting(PointCloud)
+    source.past.return_value = ((buffer, 0.0, []) for _ in iter(begun.set, 0))
+    scenes = DataScenes(MagicMock(), source, logging.getLogger("view"))
+    settings = ViewSettings(topics=(TopicSettings("points"),))
+    scenes.see(buffer, "map", settings, is_held=False, is_watched=True)
+    assert begun.wait(60.0)
+    scenes.close()
+    assert scenes._thread is not None and not scenes._thread.is_alive()
 
 
 def test_the_age_of_what_is_drawn_is_that_when_browsers_get_it(buffer: Buffer) -> None:

@@ -15,7 +15,7 @@ from tfbus.frames.moment import state
 
 pytest.importorskip("mcap", reason="needs mcap: the extra bag")
 
-from tfbus.messages import Marker, MarkerArray, PointCloud, PoseStamped, Vector3
+from tfbus.messages import LaserScan, Marker, MarkerArray, PointCloud, PoseStamped, Vector3
 from tfbus.recording.items import TopicItem
 from tfbus.recording.reader import RecordingReader
 from tfbus.recording.writer import RecordingWriter
@@ -256,11 +256,17 @@ def cloud_at(seconds: float) -> PointCloud:
     return PointCloud.from_xyz(at(seconds), "base", np.zeros((1, 3)))
 
 
+def scan_at(seconds: float, angle_rad: float) -> LaserScan:
+    """A scan of one point in this direction, and two that were not measured."""
+    ranges = np.array([1.0, np.inf, 0.0])
+    return LaserScan(at(seconds), "base", angle_rad, range_max=9.0, ranges=ranges)
+
+
 @pytest.fixture
 def seen(path: Path, tmp_path: Path) -> Path:
     """The same file with a cloud at the base each half second from 0.5 s on, often a hundred times
-    a second from 6 s to 8 s, and markers: one that stays, one of 2 s, and at 8 s the end of all
-    before another.
+    a second from 6 s to 8 s, when two scanners scan in step, and markers: one that stays, one of
+    2 s, and at 8 s the end of all before another.
     """
     arrays: list[tuple[float, str, Any]] = [
         (tick / 2, "points", cloud_at(tick / 2))
@@ -276,6 +282,8 @@ def seen(path: Path, tmp_path: Path) -> Path:
         ),
         (1.5, "where", PoseStamped(at(1.5), "base")),
         *((tick / 100, "often", cloud_at(tick / 100)) for tick in range(600, 800)),
+        *((6.0 + tick / 20, "scans", scan_at(6.0 + tick / 20, 0.0)) for tick in range(40)),
+        *((6.004 + tick / 20, "scans", scan_at(6.004 + tick / 20, 3.0)) for tick in range(40)),
         # As no topic of the bus is called.
         (1.5, "where#2", PoseStamped(at(1.5), "base")),
     ]
@@ -330,6 +338,34 @@ def test_all_points_that_decay_are_there_after_a_jump(seen: Path) -> None:
             for x in each.pose.apply(points.xyz.astype(float))[:, 0]
         ]
         assert places[-180:] == [tick / 100 for tick in range(616, 796)]
+
+
+def test_of_too_many_messages_that_decay_some_of_each_scanner_are_drawn(
+    seen: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All, as long as they are few; no more are read than their points can stay, nor for a place
+    that the cursor has left.
+    """
+    with RecordingReader(seen) as reader:
+        replay = Replay(reader, at_ns=at(9.0))
+        decaying = TopicSettings("scans", decay_s=5.0)
+        sides: list[tuple[int, int]] = []
+        for most, most_points in ((1000, 500_000), (20, 500_000), (20, 19)):
+            monkeypatch.setattr("tfbus.view.replay._MOST_MESSAGES", most)
+            monkeypatch.setattr("tfbus.view.replay.MOST_DECAYING_POINTS", most_points)
+            data = RecordedData(replay)
+            data.want(data.topics())
+            data.catch_up(0.0)
+            scans = [each for _, _, came in data.past("scans", decaying) for each in came]
+            front = sum(each.angle_min == 0.0 for each in scans)
+            sides.append((front, len(scans) - front))
+        assert sides == [(40, 40), (9, 12), (10, 10)]
+        past = data.past("scans", decaying)
+        next(past)
+        replay.playhead.seek(at(1.0))
+        replay.move(0.0, is_watched=True)
+        assert not [*past]
+        data.close()
 
 
 def test_playing_reads_on_and_a_jump_begins_anew(seen: Path) -> None:

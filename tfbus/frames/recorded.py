@@ -103,7 +103,7 @@ class RecordedFrames:
         self._follows_clock = follows
         self._selection = self._make_selection()
         self._at_ns = source.start_ns
-        # What comes after a moment: the next item, and those behind it.
+        # The moment that `advance` reached, the next item, and the iterator of later ones.
         self._ahead: tuple[int, Item | None, Iterator[Item]] | None = None
         self._start()
 

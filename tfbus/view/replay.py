@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tfbus import messages
 from tfbus.base.clock import Clock, SystemClock
 from tfbus.base.errors import DecodeError
@@ -322,8 +324,6 @@ class Replay:
 _MOST_BYTES = 100_000_000
 _MOST_MESSAGES = 1000
 _MOST_LOOKED_AT = 20_000
-# Half of them may be NaN.
-_MOST_POINTS = 2 * MOST_DECAYING_POINTS
 _MOST_LINES = 100
 # Of the others the newest of this time are candidates.
 _CHOICES_NS = 1_000_000_000
@@ -412,6 +412,8 @@ class RecordedData:
         else:
             groups = [found[::-1]] if found else []
         for group in groups:
+            if self._is_overtaken:
+                return
             log_ns = group[-1][0]
             yield self._buffer_at(log_ns), log_ns / 1e9, [message for _, message in group]
 
@@ -419,15 +421,13 @@ class RecordedData:
         self, topic: str, message_type: type, settings: TopicSettings
     ) -> list[tuple[int, Any]]:
         """Log times and messages, the newest first."""
-        least_ns, most, apart_ns = 0, _MOST_MESSAGES, 0
+        least_ns, most = 0, _MOST_MESSAGES
         size = points = 0
         is_newest = message_type not in EVERY
         if message_type is messages.Log:
             most = _MOST_LINES
         elif settings.decay_s and message_type in POINTS:
-            # Of too many some, of all the time.
-            decay_ns = int(settings.decay_s * 1e9)
-            least_ns, apart_ns = self._cursor.at_ns - decay_ns, decay_ns // most
+            least_ns = self._cursor.at_ns - int(settings.decay_s * 1e9)
             most, is_newest = _MOST_LOOKED_AT, False
         found: list[tuple[int, Any]] = []
         seen: set[tuple[str, int | None]] = set()
@@ -437,21 +437,24 @@ class RecordedData:
         ):
             if is_newest and found:
                 least_ns = found[0][0] - _CHOICES_NS
-            if item.log_ns < least_ns or count > most or size > _MOST_BYTES:
+            if item.log_ns < least_ns or count > most or size > _MOST_BYTES or self._is_overtaken:
                 break
-            if found and found[-1][0] - item.log_ns < apart_ns:
-                continue
             message = self._message(topic, message_type, item)
             if message is None or not _is_news(message, seen):
                 continue
             found.append((item.log_ns, message))
             size += size_of(message)
-            points += len(message) if isinstance(message, messages.PointCloud) else 0
-            if points > _MOST_POINTS and not is_newest and not settings.voxel:
+            points += _count_points(message, settings)
+            if points > MOST_DECAYING_POINTS and not is_newest:
                 break
             if ("", None) in seen or (is_newest and len(found) >= MOST_CHOICES):
                 break
-        return found
+        return found if is_newest or message_type in EVERY else _thinned(found)
+
+    @property
+    def _is_overtaken(self) -> bool:
+        """Whether the cursor has jumped again: messages of its former place are not drawn."""
+        return self._replay.cursor.jumps != self._cursor.jumps
 
     def _buffer_at(self, log_ns: int) -> Buffer:
         """The buffer as it was a little after a log time up to the cursor: a publisher may have
@@ -514,6 +517,31 @@ class RecordedData:
         if self._reader is None:
             self._reader = self._replay.opened_again()
         return self._reader
+
+
+def _count_points(message: Any, settings: TopicSettings) -> int:
+    """How many points of a cloud or scan are drawn, at the least; 0 where that is not known."""
+    if settings.voxel:
+        return 0
+    if isinstance(message, messages.LaserScan):
+        count = int(np.count_nonzero(np.isfinite(message.xyz()[:, 0])))
+        return min(count, int(settings.most_points))
+    # Half of a cloud's may be NaN.
+    count = len(message) // 2 if isinstance(message, messages.PointCloud) else 0
+    return min(count, int(settings.most_points) // 2)
+
+
+# Numbers times this have parts behind the point that are spread evenly, of each second one, too.
+_GOLDEN = (5.0**0.5 - 1.0) / 2.0
+
+
+def _thinned(found: list[tuple[int, Any]]) -> list[tuple[int, Any]]:
+    """If there are too many, some from the whole time."""
+    if len(found) <= _MOST_MESSAGES:
+        return found
+    # Every second message might be of one of two scanners.
+    share = _MOST_MESSAGES / len(found)
+    return [each for number, each in enumerate(found) if number * _GOLDEN % 1.0 < share]
 
 
 def _is_news(message: Any, seen: set[tuple[str, int | None]]) -> bool:

@@ -41,6 +41,8 @@ _TROUBLE_AFTER_S = 1.0
 # Of clouds that decay, as many points are drawn, in as many items; of markers as many.
 MOST_DECAYING_POINTS = 500_000
 _MOST_DECAYING = 60
+# Then items are joined until so few are left: each that changes is sent to browsers anew.
+_FEW_DECAYING = 40
 _MOST_MARKERS = 2000
 _MOST_TRAIL = 2000
 _MOST_LINES = 100
@@ -51,13 +53,14 @@ _IMAGES = (messages.Image, messages.CompressedImage)
 
 @dataclass(frozen=True, eq=False)
 class PlacedItem:
-    """An item at a pose in the fixed frame, until the time `ends_s`. With `joins_s` it has the
-    points of several messages, which came within so many seconds.
+    """An item at a pose in the fixed frame, until the time `ends_s`. It is of so many `messages`,
+    which came within `joins_s` seconds.
     """
 
     item: Item
     pose: Transform
     ends_s: float = math.inf
+    messages: int = 1
     joins_s: float = 0.0
 
 
@@ -66,7 +69,8 @@ class TopicLayer:
 
     `drawn` messages were; `dropped` messages or markers were not, by reason. Points can be coloured
     by `columns`, and `span` are the numbers of the first and the last colour, if
-    numbers are coloured. `is_cut` says that points left early, as they were too many.
+    numbers are coloured. `is_cut` says that points left early, as they were too many, and might
+    still be there.
     `namespaces` are the markers'. `age_s` is how old the message drawn last was then. `waits_in` is
     the frame of messages that wait for a transform for some time, `waiting_count` of them; "" if
     none does.
@@ -90,7 +94,9 @@ class TopicLayer:
         # Why the last message that was sent to browsers could not be, in part.
         self._undrawn = ""
         self._is_new = self._has_failed = False
-        self._unplaced: dict[object, tuple[Item, float]] = {}
+        # Each with the times since which it waits, and at which it ends.
+        self._unplaced: dict[object, tuple[Item, float, float]] = {}
+        self._cut_until_s = -math.inf
         self._fixed_frame = ""
         self._settings: TopicSettings | None = None
         self._last: Any = None
@@ -135,12 +141,7 @@ class TopicLayer:
         """
         self._pace_s = now_s if pace_s is None else pace_s
         if fixed_frame != self._fixed_frame:
-            self._fixed_frame = fixed_frame
-            for key, each in [*self.placed.items()]:
-                if not each.joins_s:  # its messages had places of their own
-                    self._unplaced.setdefault(key, (each.item, now_s))
-            # Without a place in the new one they would be drawn at a wrong one.
-            self.placed.clear()
+            self._change_fixed_frame(buffer, fixed_frame, now_s)
         for key in [key for key, each in self.placed.items() if each.ends_s <= now_s]:
             del self.placed[key]
         if self._last is not None and not _are_alike(self._settings, settings):
@@ -153,6 +154,37 @@ class TopicLayer:
             self._take_newest(buffer, now_s, settings, camera)
         self._is_new = self._is_new or self.drawn != before
         self._place(buffer, now_s)
+        if settings.decay_s and self.waiting.message_type in POINTS:
+            self._bound_points(now_s + settings.decay_s)
+        self.is_cut = now_s < self._cut_until_s
+
+    def _change_fixed_frame(self, buffer: Buffer, fixed_frame: str, now_s: float) -> None:
+        """Place the items in another fixed frame, for as long as they had. Points that decay go by
+        where the former frame is now once some were joined, as the places of their messages are no
+        longer known, or if their stamp is too old.
+        """
+        way = self._way_into(buffer, fixed_frame) if self.placed else None
+        self._fixed_frame = fixed_frame
+        # Without a place in the new one they would be drawn at a wrong one.
+        placed, self.placed = self.placed, {}
+        is_joined = any(each.messages > 1 for each in placed.values())
+        for key, each in placed.items():
+            pose = None
+            if self.waiting.message_type in POINTS and each.item.lifetime_s:
+                # All alike, so that the picture stays whole.
+                pose = None if is_joined else self._pose(buffer, each.item, now_s)
+                pose = way @ each.pose if pose is None and way is not None else pose
+            if pose is not None:
+                self.placed[key] = replace(each, pose=pose)
+            elif each.messages == 1:
+                self._unplaced.setdefault(key, (each.item, now_s, each.ends_s))
+
+    def _way_into(self, buffer: Buffer, fixed_frame: str) -> Transform | None:
+        """The newest transform from the fixed frame into another; None if it is not known."""
+        try:
+            return buffer.lookup_transform(fixed_frame, self._fixed_frame).transform
+        except TransformException:
+            return None
 
     def recall(
         self,
@@ -170,14 +202,14 @@ class TopicLayer:
         self._due_s = 0.0
 
     def is_by(self, fixed_frame: str, settings: TopicSettings) -> bool:
-        """Whether it was drawn so last."""
-        return (self._fixed_frame, self._settings) == (fixed_frame, settings)
+        """Whether drawn items stay valid in this fixed frame, under these settings."""
+        return self._fixed_frame == fixed_frame and _are_alike(self._settings, settings)
 
     def _again(self, buffer: Buffer, now_s: float, settings: TopicSettings) -> None:
         """Draw the last message by other settings."""
         self.placed.clear()
         self._unplaced.clear()
-        self.is_cut = False
+        self._cut_until_s = -math.inf
         if not isinstance(self._last, _IMAGES):
             self._try(buffer, self._last, now_s, settings, None)
 
@@ -246,7 +278,6 @@ class TopicLayer:
             [points] = [shape for shape in items[0].shapes if isinstance(shape, Points)]
             self.span = points.span
             self._source = points, seen
-            self._bound_points()
         return True
 
     def source_of(self, points: Points) -> Any:
@@ -278,19 +309,22 @@ class TopicLayer:
         found = buffer.lookup_transform(fixed_frame, message.frame_id, stamp_ns)
         return items_of(message, settings, found.transform)
 
-    def _bound_points(self) -> None:
-        """Of points that decay the oldest leave if there are too many. Browsers have few items:
-        two that came one after the other within the shortest time become one.
+    def _bound_points(self, ends_s: float) -> None:
+        """Of points that decay the oldest leave if there are too many; the newest end at `ends_s`.
+        Browsers have few items: those that came one after the other within the shortest time
+        become one.
         """
         counts = {key: len(_points_of(each).xyz) for key, each in self.placed.items()}
         total = sum(counts.values())
-        self.is_cut = total > MOST_DECAYING_POINTS
+        if total > MOST_DECAYING_POINTS:
+            self._cut_until_s = ends_s
         for key in [*counts][:-1]:
             if total <= MOST_DECAYING_POINTS:
                 break
             del self.placed[key]
             total -= counts[key]
-        while len(self.placed) > _MOST_DECAYING:
+        is_full = len(self.placed) > _MOST_DECAYING
+        while is_full and len(self.placed) > _FEW_DECAYING:
             _, first, second = min(
                 (_joined_s(self.placed[first], self.placed[second]), first, second)
                 for first, second in pairwise(self.placed)
@@ -371,15 +405,15 @@ class TopicLayer:
     # Places
 
     def _add(self, item: Item, now_s: float) -> None:
-        self._unplaced[item.key] = item, now_s
+        ends_s = now_s + item.lifetime_s if item.lifetime_s else math.inf
+        self._unplaced[item.key] = item, now_s, ends_s
 
     def _remove(self, key: object) -> None:
         self.placed.pop(key, None)
         self._unplaced.pop(key, None)
 
     def _place(self, buffer: Buffer, now_s: float) -> None:
-        for key, (item, since_s) in [*self._unplaced.items()]:
-            ends_s = since_s + item.lifetime_s if item.lifetime_s else math.inf
+        for key, (item, since_s, ends_s) in [*self._unplaced.items()]:
             pose = self._pose(buffer, item, now_s, since_s)
             if pose is not None:
                 self._waits_for = self.waits_in = ""
@@ -432,8 +466,8 @@ class TopicLayer:
 
 
 def _are_alike(former: TopicSettings | None, settings: TopicSettings) -> bool:
-    """Whether what was made by the former settings holds by these, too: points that decay are not
-    there another time.
+    """Whether drawn items stay valid under the new settings. Points that decay cannot be drawn
+    anew: their messages are gone.
     """
     return former is None or settings == replace(
         former, size=settings.size, rate_hz=settings.rate_hz
@@ -446,7 +480,7 @@ def _points_of(placed: PlacedItem) -> Points:
 
 
 def _joined_s(before: PlacedItem, after: PlacedItem) -> float:
-    """Within how many seconds the messages of both came."""
+    """The span in s in which the messages of both came."""
     return before.joins_s + after.ends_s - before.ends_s
 
 
@@ -461,7 +495,8 @@ def _joined(before: PlacedItem, after: PlacedItem) -> PlacedItem:
         rows=np.concatenate((first.rows, second.rows)),
     )
     item = replace(before.item, shapes=(points,))
-    return PlacedItem(item, before.pose, after.ends_s, _joined_s(before, after))
+    count = before.messages + after.messages
+    return PlacedItem(item, before.pose, after.ends_s, count, _joined_s(before, after))
 
 
 # By the numbers in a message: its checks cannot foresee all.

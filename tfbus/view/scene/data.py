@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, takewhile
 from typing import Any
 
 import numpy as np
@@ -41,7 +41,7 @@ _PERIOD_S = 1.0 / 30.0
 # The pause after a drawing is so many times as long: data take two fifths of a core at most.
 _RESTS_PER_DRAWING = 1.5
 _END_S = 5.0
-# A picture is taken then, whatever is drawn.
+# A picture waits at most so long for a drawing.
 _HOLDS_AFTER_S = 60.0
 # Nodes that begin with the view have told their topics by then.
 _ABSENT_AFTER_S = 5.0
@@ -216,8 +216,8 @@ class DataScenes:
         self._source.close()
 
     def hold(self) -> None:
-        """Leave everything as it is, for a picture, once the drawing in progress has ended: with
-        the messages of a past it takes long.
+        """Leave everything as it is, for a picture, once the drawing in progress has ended:
+        drawing a recording's past may take seconds.
         """
         is_drawn = self._drawing.acquire(timeout=_HOLDS_AFTER_S)
         self._is_held = True
@@ -322,6 +322,8 @@ class DataScenes:
         layer = TopicLayer(waiting)
         try:
             past = self._source.past(topic, settings)
+            # The page may be closed meanwhile.
+            past = takewhile(lambda _: not self._ended.is_set(), past)
             layer.recall(past, fixed_frame, settings, self._camera(topic))
         except Exception as error:  # the other topics are drawn all the same
             layer.fail(error)

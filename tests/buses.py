@@ -27,7 +27,7 @@ def eventually(
     *,
     within_s: float = DEADLINE_S,
     every_s: float = 0.01,
-    state: Callable[[], object] = lambda: "no state is told",
+    state: Callable[[], object] = lambda: "no state was given",
 ) -> T:
     """The first true value of the condition; an AssertionError with the state if none comes in
     time.
@@ -50,10 +50,10 @@ def send_until(
     broadcast: Callable[[], None],
     condition: Callable[[], bool],
     *,
-    state: Callable[[], object] = lambda: "no state is told",
+    state: Callable[[], object] = lambda: "no state was given",
 ) -> None:
-    """Send again and again until the condition holds, as a broadcaster does; `state` is told if it
-    does not in time.
+    """Send again and again until the condition holds, as a broadcaster does; the error has the
+    state if it does not in time.
     """
 
     def sent() -> bool:

@@ -46,6 +46,15 @@ def opened(stack: ExitStack, kind: int, address: tuple[str, int]) -> socket.sock
     return one
 
 
+def connected(stack: ExitStack, *, window: int) -> tuple[socket.socket, socket.socket]:
+    """The two ends of a link of TCP; the second was opened with a window of so many bytes."""
+    listening = opened(stack, socket.SOCK_STREAM, ("127.0.0.1", 0))
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, window)
+    one = stack.enter_context(socket.create_connection(listening.getsockname()))
+    other, _ = listening.accept()
+    return one, stack.enter_context(other)
+
+
 def like_zenoh(stack: ExitStack) -> SimpleNamespace:
     """Sockets as a session of Zenoh has them that scouts on loopback alone."""
     asking = opened(stack, socket.SOCK_DGRAM, ("0.0.0.0", 0))
@@ -169,12 +178,8 @@ def test_a_session_of_datagrams_ends_here_before_there() -> None:
 
 def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> None:
     """Of a link that is held back TCP takes more bytes only while little waits to be sent."""
-    listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
     # Linux lets the far end take more and more, as it reads, unless it is told how much.
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 65536)
-    one = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
-    other, _ = listening.accept()
-    closed_at_the_end.enter_context(other)
+    one, other = connected(closed_at_the_end, window=65536)
     taken = {}
     for unsent_bytes in (None, 4096):
         if unsent_bytes is not None:
@@ -193,11 +198,7 @@ def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> N
 
 def test_a_link_takes_more_than_it_was_opened_with(closed_at_the_end: ExitStack) -> None:
     """The far end sends more of what is not read yet, as soon as it has learned of it."""
-    listening = opened(closed_at_the_end, socket.SOCK_STREAM, ("127.0.0.1", 0))
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 16384)
-    one = closed_at_the_end.enter_context(socket.create_connection(listening.getsockname()))
-    other, _ = listening.accept()
-    closed_at_the_end.enter_context(other)
+    one, other = connected(closed_at_the_end, window=16384)
 
     def unread() -> int:
         for _ in range(100):

@@ -41,7 +41,8 @@ _TROUBLE_AFTER_S = 1.0
 # Of clouds that decay, as many points are drawn, in as many items; of markers as many.
 MOST_DECAYING_POINTS = 500_000
 _MOST_DECAYING = 60
-# Then items are joined until so few are left: each that changes is sent to browsers anew.
+# Above that, neighbouring items are joined until so few are left: browsers get each joined item as
+# a whole, so that joining one at each message would send its points many times.
 _FEW_DECAYING = 40
 _MOST_MARKERS = 2000
 _MOST_TRAIL = 2000
@@ -53,8 +54,8 @@ _IMAGES = (messages.Image, messages.CompressedImage)
 
 @dataclass(frozen=True, eq=False)
 class PlacedItem:
-    """An item at a pose in the fixed frame, until the time `ends_s`. It is of so many `messages`,
-    which came within `joins_s` seconds.
+    """An item at a pose in the fixed frame, until the time `ends_s`, with the points of `messages`
+    messages, which came within `joins_s` seconds.
     """
 
     item: Item

@@ -7,16 +7,13 @@ from typing import Any
 
 import zenoh
 
-from tests.live_bus import free_port
+from tests.live_bus import AT_ONCE, PATIENT, free_port
 from tfbus import Node, NodeSettings
 from tfbus.bus.keystore import Keystore
 from tfbus.bus.rights import Identity, Rights, access_control
 from tfbus.bus.session import Session
 
-_QUICK = (
-    "{scouting: {multicast: {enabled: false}, delay: 10},"
-    " transport: {link: {tx: {lease: 60000}}}, timestamping: {enabled: true}}"
-)
+_QUICK = f"{AT_ONCE}{PATIENT}}}"
 _ANY_PORT = "tls/127.0.0.1:0"
 
 

@@ -159,17 +159,20 @@ _MEETING = (
     "{connect: {exit_on_failure: {peer: true}, timeout_ms: {peer: 60000}},"
     " scouting: {multicast: {enabled: false}, delay: 5000},"
 )
-_AT_ONCE = "{scouting: {multicast: {enabled: false}, delay: 10},"
+AT_ONCE = "{scouting: {multicast: {enabled: false}, delay: 10},"
+
+# On a busy machine a link may be silent, or take to open, for longer than tfbus allows by default;
+# and without multicast peers that have lost each other, or did not meet when a third one introduced
+# them, take long to meet or never do.
+PATIENT = (
+    " transport: {link: {tx: {lease: 60000}},"
+    " unicast: {open_timeout: 60000, accept_timeout: 60000}},"
+    " timestamping: {enabled: true}"
+)
 
 
 def _config(beginning: str) -> str:
-    # On a busy machine a link may be silent for longer than tfbus allows by default, and without
-    # multicast peers that have lost each other take some time to meet again.
-    return (
-        f"{beginning}"
-        " transport: {link: {tx: {lease: 60000}}},"
-        " timestamping: {enabled: true}, listen: {endpoints: ['tcp/127.0.0.1:0']}}"
-    )
+    return f"{beginning}{PATIENT}, listen: {{endpoints: ['tcp/127.0.0.1:0']}}}}"
 
 
 class Bus:
@@ -182,7 +185,7 @@ class Bus:
         # A process has found the others when its session is open; a node of the test itself is
         # open at once, and the test waits for what it needs.
         self.quick_config = folder / "quick.json5"
-        self.quick_config.write_text(_config(_AT_ONCE))
+        self.quick_config.write_text(_config(AT_ONCE))
         self.options = ["--config", str(self.config), "--connect", self.endpoint]
         self.env = {
             **{key: value for key, value in os.environ.items() if not key.startswith("TFBUS_")},

@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from tests import needs
-from tfbus import Recording
+from tests.builders import in_recording
+from tfbus import Recording, Transform, TransformStamped
 from tfbus.base.errors import InvalidArgumentException
 from tfbus.cli import main
 from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
@@ -109,10 +110,51 @@ def test_each_message_becomes_a_file_or_one_at_a_time(seen: Path) -> None:
     assert np.array_equal(np.load("one.npy"), picture().pixels())
 
 
+def test_scans_and_clouds_are_written_in_another_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each range by the transform at its own time, without those that measured nothing; a message
+    from before the transforms is skipped, with the reason.
+    """
+    monkeypatch.chdir(tmp_path)
+    with RecordingWriter("drive.mcap") as writer:
+        for tick in range(4):
+            now = START_NS + tick * S
+            place = TransformStamped(now, "map", "laser", Transform((float(tick), 0.0, 0.0)))
+            writer.write(in_recording(now, [place], seq=tick))
+        for now in (START_NS - S, START_NS):
+            scan = LaserScan(
+                now,
+                "laser",
+                angle_increment=0.1,
+                time_increment=1.0,
+                range_max=9.0,
+                ranges=np.array([1.0, 9.0, 0.0, 1.0], np.float32),
+                intensities=np.arange(4, dtype=np.float32),
+            )
+            values = decode_map(encode_message(scan))
+            writer.write(TopicItem(now + 3 * S, "scan", type_name(LaserScan), values))
+    exported("drive.mcap", "--topic", "scan", "--at", "3", "-o", "own.ply")
+    assert np.allclose(read_cloud(Path("own.ply"))["x"], [1.0, np.cos(0.3)])
+    done = export("drive.mcap", "--topic", "scan", "--in-frame", "map", "-o", "moved.npz")
+    assert done.exit_code == 0 and "skipped 1 message of 'scan', without a place in" in done.output
+    assert "'map'" in done.output and "Wrote moved_000000_" in done.output
+    with np.load(next(Path().glob("moved*.npz"))) as moved:
+        assert (moved["frame_id"], moved["stamp_ns"]) == ("map", START_NS)
+        assert np.allclose(moved["points"]["x"], [1.0, 3.0 + np.cos(0.3)])
+        assert moved["points"]["intensity"].tolist() == [0.0, 3.0]
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--topic", "image", "-o", "a.ply"), "of type PointCloud, and 'image' is of type sensor"),
+        (("--in-frame", "map", "-o", "a.npz"), "--in-frame is for the clouds or scans of a"),
+        (("--topic", "image", "--in-frame", "map", "-o", "a.png"), "--in-frame is for the clouds"),
+        (("--topic", "points", "--in-frame", "map", "-o", "a.ply"), "no frame 'map'"),
+        (
+            ("--topic", "image", "-o", "a.ply"),
+            "of type PointCloud or LaserScan, and 'image' is of type sensor",
+        ),
         (("--topic", "points", "--at", "9", "-o", "a.ply"), "--at: 9s is outside of the recording"),
         (("--topic", "jpeg", "-o", "a.png"), "the image is jpeg, not png: write .jpg"),
         (("--topic", "none", "-o", "a.ply"), "no topic 'none'"),

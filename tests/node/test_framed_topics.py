@@ -1,12 +1,14 @@
 """Subscriptions that pass a message on when its transform is known."""
 
 import asyncio
+import logging
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.buses import eventually
+from tests.fakes import Lines
 from tests.simulated_bus import Bus
 from tfbus import (
     Buffer,
@@ -116,6 +118,24 @@ def test_each_message_that_is_dropped_has_a_reason(bus: Bus) -> None:
     }
     assert it.got == [] and it.subscription.waiting == 0 and not it.buffer.waiting
     assert "nowhere" in it.subscription.last_drop
+
+
+def test_a_message_of_before_the_subscription_is_no_warning(bus: Bus) -> None:
+    """It is counted as too old; the first one since then is warned of."""
+    node, other = bus.node("robot"), bus.node("sensor")
+    buffer, warnings, all_lines = Buffer(), Lines(node.log, logging.WARNING), Lines(node.log)
+    began_ns = node.now_ns()
+    subscription = node.create_subscription(
+        messages.PoseStamped, "poses", in_frame="odom", buffer=buffer
+    )
+    buffer.set_transform(TransformStamped(began_ns + 9 * S, "odom", "base", Transform()))
+    publisher = other.create_publisher(messages.PoseStamped, "poses")
+    early = pose_at(began_ns - S)
+    eventually(lambda: publisher.publish(early) or subscription.drops["too old"])
+    assert not warnings.lines and "from before this subscription" in all_lines.lines[-1]
+    publisher.publish(pose_at(began_ns + S))
+    eventually(lambda: warnings.lines)
+    assert "(too old)" in warnings.lines[0] and "from before" not in warnings.lines[0]
 
 
 def test_all_that_waited_for_one_transform_are_passed_on(bus: Bus) -> None:

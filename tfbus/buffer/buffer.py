@@ -9,6 +9,7 @@ import math
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -745,11 +746,11 @@ class Buffer:
         and rotations about fixed axes turn to the target's axes; unknown ones stay so. Waits and
         raises as `lookup_transform`, and InvalidArgumentException for a message of another type.
         """
-        from tfbus.buffer.messages import transformed
+        from tfbus.buffer.messages import Lookups, transformed
 
-        return transformed(
-            self, message, target_frame, fixed_frame=fixed_frame, timeout_s=timeout_s
-        )
+        at_stamp = partial(self.lookup_transform, timeout_s=timeout_s)
+        lookups = Lookups(at_stamp, self.lookup_transforms)
+        return transformed(lookups, message, target_frame, fixed_frame)
 
     def _lookup_at_once(
         self,

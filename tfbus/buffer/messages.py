@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, TypeVar, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tfbus import messages
 from tfbus.base.errors import InvalidArgumentException
-from tfbus.buffer.buffer import Buffer
 from tfbus.geometry.transform import Transform, TransformStamped
 from tfbus.geometry.transform_array import TransformArray
 
@@ -22,20 +21,21 @@ M = TypeVar("M")
 _NORMALS = ("normal_x", "normal_y", "normal_z")
 
 
+class Lookups(NamedTuple):
+    """The lookups of a buffer or a recording: from a target and a source frame and a stamp, or the
+    latest time for None, the transform; and with stamps (N,) the transforms.
+    """
+
+    one: Callable[[str, str, int | None], TransformStamped]
+    each: Callable[[str, str, Stamps], TransformArray]
+
+
 def transformed(
-    buffer: Buffer,
-    message: Any,
-    target_frame: str,
-    *,
-    fixed_frame: str | None,
-    timeout_s: float,
+    lookups: Lookups, message: Any, target_frame: str, fixed_frame: str | None = None
 ) -> Any:
     """The message in the target frame; see `Buffer.transform`."""
     if isinstance(message, messages.MarkerArray):
-        moved = (
-            transformed(buffer, each, target_frame, fixed_frame=fixed_frame, timeout_s=timeout_s)
-            for each in message.markers
-        )
+        moved = (transformed(lookups, each, target_frame, fixed_frame) for each in message.markers)
         return replace(message, markers=tuple(moved))
     if isinstance(message, messages.Marker) and message.action in _DELETIONS:
         return message
@@ -49,13 +49,13 @@ def transformed(
         raise InvalidArgumentException(f"this {type(message).__name__} has no frame_id")
     stamps = stamps_in(message)
     if stamps is not None and len(stamps):
-        return _undistorted(buffer, message, stamps, target_frame, fixed_frame, timeout_s)
+        return _undistorted(lookups, message, stamps, target_frame, fixed_frame)
     stamp_ns = message.stamp_ns or None  # 0 stands for the latest time, as in ROS
     if isinstance(message, messages.Marker) and message.frame_locked:
         stamp_ns = None
-    answer = buffer.lookup_transform(target_frame, message.frame_id, stamp_ns, timeout_s=timeout_s)
+    answer = lookups.one(target_frame, message.frame_id, stamp_ns)
     if isinstance(message, messages.Path):
-        message = _in_one_frame(buffer, message, stamp_ns, timeout_s)
+        message = _in_one_frame(lookups, message, stamp_ns)
     return moved_by(message, answer)
 
 
@@ -86,27 +86,23 @@ def stamps_in(message: Any) -> Stamps | None:
 
 
 def _undistorted(
-    buffer: Buffer,
+    lookups: Lookups,
     message: messages.PointCloud | messages.LaserScan,
     stamps: Stamps,
     target_frame: str,
     fixed_frame: str | None,
-    timeout_s: float,
 ) -> messages.PointCloud:
     """The points, each by the transform at its own time, as one at the stamp of the message."""
     last_ns = max(int(stamps.max()), message.stamp_ns)
     through = target_frame if fixed_frame is None else fixed_frame
-    buffer.lookup_transform(through, message.frame_id, last_ns, timeout_s=timeout_s)
+    lookups.one(through, message.frame_id, last_ns)  # waits for the last one
     cloud = _cloud_of(message)
     times, of_point = _each_once(stamps)
-    motions = buffer.lookup_transforms(through, message.frame_id, times)
+    motions = lookups.each(through, message.frame_id, times)
     if of_point is not None:
         motions = motions[of_point]
     if fixed_frame is not None:
-        into = buffer.lookup_transform(
-            target_frame, fixed_frame, message.stamp_ns, timeout_s=timeout_s
-        )
-        motions = into.transform @ motions
+        motions = lookups.one(target_frame, fixed_frame, message.stamp_ns).transform @ motions
     return _with_points(cloud, motions, {"stamp_ns": message.stamp_ns, "frame_id": target_frame})
 
 
@@ -126,13 +122,7 @@ def _each_once(stamps: Stamps) -> tuple[Stamps, NDArray[np.intp] | None]:
 
 
 def _cloud_of(message: messages.PointCloud | messages.LaserScan) -> messages.PointCloud:
-    """The cloud, or a scan's: the ranges without a measurement are NaN."""
-    if isinstance(message, messages.PointCloud):
-        return message
-    columns = {"intensity": message.intensities} if len(message.intensities) else {}
-    return messages.PointCloud.from_xyz(
-        message.stamp_ns, message.frame_id, message.xyz(), **columns
-    )
+    return message if isinstance(message, messages.PointCloud) else message.cloud()
 
 
 def _with_points(
@@ -249,17 +239,12 @@ def _imu(imu: messages.Imu, motion: Transform) -> dict[str, Any]:
     return made
 
 
-def _in_one_frame(
-    buffer: Buffer, path: messages.Path, stamp_ns: int | None, timeout_s: float
-) -> messages.Path:
+def _in_one_frame(lookups: Lookups, path: messages.Path, stamp_ns: int | None) -> messages.Path:
     """The path with all poses in its own frame; some may have another one."""
     others = {each.frame_id for each in path.poses} - {"", path.frame_id}
     if not others:
         return path
-    into = {
-        frame: buffer.lookup_transform(path.frame_id, frame, stamp_ns, timeout_s=timeout_s)
-        for frame in others
-    }
+    into = {frame: lookups.one(path.frame_id, frame, stamp_ns) for frame in others}
     poses = tuple(
         replace(each, frame_id=path.frame_id, pose=_pose(each.pose, into[each.frame_id].transform))
         if each.frame_id in into

@@ -404,6 +404,15 @@ class Recording(AbstractContextManager["Recording"]):
             known[of_span] = are_known
         return TransformArray(poses[:, :3], poses[:, 3:]), known
 
+    def transform(self, message: Any, target_frame: str, *, fixed_frame: str | None = None) -> Any:
+        """A message of `tfbus.messages` in the target frame, by the recorded transform at its
+        stamp, or at the time of each of its points: see `Buffer.transform`.
+        """
+        from tfbus.buffer.messages import Lookups, transformed
+
+        lookups = Lookups(self.lookup_transform, self.lookup_transforms)
+        return transformed(lookups, message, target_frame, fixed_frame)
+
     def trajectory(
         self,
         target_frame: str,

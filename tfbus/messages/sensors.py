@@ -405,6 +405,13 @@ class LaserScan(WithArrays):
         xyz[:, 2] = ranges * 0.0
         return xyz
 
+    def cloud(self) -> PointCloud:
+        """The points as a cloud of the same frame and stamp, with the column `intensity` if there
+        are intensities; NaN where there is no measurement.
+        """
+        columns = {"intensity": self.intensities} if len(self.intensities) else {}
+        return PointCloud.from_xyz(self.stamp_ns, self.frame_id, self.xyz(), **columns)
+
     def stamps_ns(self) -> "NDArray[np.int64]":
         """When each range was measured (N,)."""
         after_ns = np.rint(self.time_increment * 1e9 * np.arange(len(self.ranges)))

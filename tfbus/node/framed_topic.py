@@ -92,6 +92,9 @@ def into_frame(
     return InFrame(into, check_frame_id(frame, "in_frame"), tolerance_s, timeout_s, queue)
 
 
+# A subscription begins among messages that were measured before the transforms that it hears.
+_JUST_BEFORE_NS = 2_000_000_000
+
 # The description names no more frames.
 _MOST_SOURCES = 10
 
@@ -135,6 +138,7 @@ class FramedSubscription(Subscription[M]):
         self.last_drop, self._last_drop_ns = "", 0
         self._dropped_of: tuple[str, ...] = ()
         self._executor = executor
+        self._began_ns = into.buffer.clock()
         # Guards all below; a poll of a lookup may call any program's clock.
         self._order = scheduler.RLock()
         self._queues: dict[str, deque[_Waiting]] = {}
@@ -278,15 +282,13 @@ class FramedSubscription(Subscription[M]):
             self._dropped_of = (message.frame_id,)
             self.last_drop = f"frame {message.frame_id!r}, {reason}: {why}"[:500]
             self._last_drop_ns = scheduler.time_ns()
-        self._log_once.warning(
-            reason,
-            "Dropped a message on topic %r of frame %r, for its transform into %r (%s): %s",
-            self.name,
-            message.frame_id,
-            self.into.frame,
-            reason,
-            why,
-        )
+        text = "Dropped a message on topic %r of frame %r, for its transform into %r (%s): %s"
+        values = (self.name, message.frame_id, self.into.frame, reason, why)
+        if reason == TOO_OLD and 0 <= self._began_ns - message.stamp_ns < _JUST_BEFORE_NS:
+            text += ". It is from before this subscription"
+            self._log_once.info((reason, "before"), text, *values)
+        else:
+            self._log_once.warning(reason, text, *values)
 
     # In the callback's thread
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from tfbus.base.errors import BusError, DecodeError, TfbusError
+from tfbus.base.errors import BusError, DecodeError, TfbusError, TransformException
 from tfbus.base.wording import counted, duration
 from tfbus.cli.bag.files import RECORDING, check_recorded, new_file, with_progress
 from tfbus.cli.message import supplied_type
@@ -17,7 +17,7 @@ from tfbus.command.recordings import BagChoice, OpenBag
 from tfbus.command.types import POSITIVE, FrameName, Moment, MomentType
 from tfbus.geometry.sampling import Sampling
 from tfbus.geometry.trajectory import Trajectory
-from tfbus.messages import CompressedImage, Image, PointCloud
+from tfbus.messages import CompressedImage, Image, LaserScan, PointCloud
 from tfbus.recording.exported import (
     write_topic_csv,
     write_transforms_csv,
@@ -58,14 +58,17 @@ class _Format:
     message: tuple[Callable[[Any, Path], None], tuple[type, ...]] | None = None
 
 
+# The types that are written as clouds.
+_POINTS = (PointCloud, LaserScan)
+
 # By the ending of a file, without its dot.
 _FORMATS = {
     "csv": _Format(Trajectory.write_csv, write_transforms_csv, write_topic_csv),
     "tum": _Format(Trajectory.write_tum),
     "kitti": _Format(Trajectory.write_kitti),
-    "npz": _Format(all=write_transforms_npz, message=(write_cloud_npz, (PointCloud,))),
-    "ply": _Format(message=(write_ply, (PointCloud,))),
-    "pcd": _Format(message=(write_pcd, (PointCloud,))),
+    "npz": _Format(all=write_transforms_npz, message=(write_cloud_npz, _POINTS)),
+    "ply": _Format(message=(write_ply, _POINTS)),
+    "pcd": _Format(message=(write_pcd, _POINTS)),
     "png": _Format(message=(write_png, (Image, CompressedImage))),
     "jpg": _Format(message=(write_jpeg, (CompressedImage,))),
     "npy": _Format(message=(write_pixels_npy, (Image,))),
@@ -77,7 +80,7 @@ _ENDINGS = [f".{form}" for form in _FORMATS]
     epilog="Examples: tfbus bag export drive.mcap map base_link -o drive.tum; "
     "tfbus bag export drive.mcap -o all.npz; "
     "tfbus bag export drive.mcap --topic turtle1/pose -o pose.csv; "
-    "tfbus bag export drive.mcap --topic points --at 3 -o cloud.ply"
+    "tfbus bag export drive.mcap --topic points --at 3 --in-frame map -o cloud.ply"
 )
 @click.argument("recording", type=RECORDING)
 @click.argument("target", type=FrameName(), required=False)
@@ -99,14 +102,21 @@ _ENDINGS = [f".{form}" for form in _FORMATS]
 @click.option(
     "--topic",
     metavar="NAME",
-    help="Write the messages of a topic: all (csv), or clouds and images, a file for each.",
+    help="Write the messages of a topic: all (csv), or clouds, scans and images, a file for each.",
+)
+@click.option(
+    "--in-frame",
+    "frame",
+    type=FrameName(),
+    metavar="FRAME",
+    help="Move the points of clouds and scans into this frame, each by its own time.",
 )
 @click.option(
     "--at",
     "moment",
     type=MomentType(),
     metavar="TIME",
-    help="Write only the cloud or image that was the newest at this time, written as of --from.",
+    help="Write only the message that was the newest at this time, written as of --from.",
 )
 @click.option(
     "--rate", "rate_hz", type=POSITIVE, metavar="HZ", help="Poses per second, interpolated."
@@ -142,6 +152,7 @@ def command(
     output: Path,
     form: str | None,
     topic: str | None,
+    frame: str | None,
     moment: Moment | None,
     rate_hz: float | None,
     samples_of: str | None,
@@ -155,8 +166,8 @@ def command(
 
     Of a pair there is a pose at each sample of SOURCE, in CSV as of tfbus echo, in TUM's or in
     KITTI's format, which has no times. Without a pair all transforms as they came are written, in
-    CSV or npz. Each cloud of a topic is a PLY, PCD or npz, each image a PNG, JPEG or npy, whose
-    names have its number and its stamp in nanoseconds: cloud_000000_1700000000000000000.ply.
+    CSV or npz. Each cloud or scan of a topic is a PLY, PCD or npz, each image a PNG, JPEG or npy,
+    named by its number and its stamp in nanoseconds: cloud_000000_1700000000000000000.ply.
     """
     form = form or output.suffix.removeprefix(".")
     if form not in _FORMATS:
@@ -180,6 +191,10 @@ def command(
         raise click.UsageError(f"{form} has no messages: write a topic as .csv, a cloud as .ply")
     if moment is not None and (topic is None or written.message is None):
         raise click.UsageError("--at is for one cloud or image of a --topic")
+    if frame is not None and (
+        topic is None or written.message is None or written.message[1] != _POINTS
+    ):
+        raise click.UsageError("--in-frame is for the clouds or scans of a --topic")
     if moment is not None and (begin is not None or end is not None):
         raise click.UsageError("--at is one time: omit --from and --to")
     if is_pair and _FORMATS[form].pair is None:
@@ -205,8 +220,8 @@ def command(
                 sampling,
             )
         elif topic is not None and written.message is not None:
-            made = _messages(bag, topic.removeprefix("/"), output, form, force, moment is not None)
-            click.echo(made)
+            of_topic = _MessagesOf(bag, topic.removeprefix("/"), form, frame)
+            click.echo(of_topic.write(output, force=force, is_one=moment is not None))
             return
         elif topic is not None:
             what = _topic(bag, topic.removeprefix("/"), output, force)
@@ -296,54 +311,102 @@ def _topic(bag: OpenBag, topic: str, output: Path, force: bool) -> str:
     return counted(count, "message")
 
 
-def _messages(bag: OpenBag, topic: str, output: Path, form: str, force: bool, is_one: bool) -> str:
-    """Write the newest message into the file, or each into one beside it; a sentence about that."""
-    items: Iterable[TopicItem] = _items_of(bag, topic)
-    if is_one:
-        # Not by all before it, which may be hours of clouds.
-        of_topic = Selection(topics=(topic,))
-        newest = last_item(
-            bag.reader, *bag.span, of_topic, lambda item: isinstance(item, TopicItem)
-        )
-        items = [newest] if isinstance(newest, TopicItem) else []
-    count = size = skipped = 0
-    first = path = output
-    for item in items:
-        message = _message_of(item, form)
-        if message is None:
-            skipped += 1
-            continue
-        if not is_one:
-            number = f"{count:06d}_{message.stamp_ns}"
-            path = output.with_name(f"{output.stem}_{number}{output.suffix}")
-        write, _ = _FORMATS[form].message or (write_ply, ())
-        with new_file(path, force=force, sources=_sources(bag)) as beside:
-            write(message, beside)
-        first = first if count else path
-        count += 1
-        size += path.stat().st_size
-    if skipped:
-        warn(f"skipped {counted(skipped, 'message')} of {topic!r}, which cannot be read")
-    if not count:
-        raise BusError(f"no message of {topic!r} in the recording, or in that span of it")
-    if count == 1:
-        return f"Wrote {path}: {size_text(size)}, a message of {topic!r}"
-    return f"Wrote {first} to {path.name}: {size_text(size)}, {counted(count, 'message')}"
+class _MessagesOf:
+    """The messages of a topic that a format can hold, moved into a frame if there is one.
 
-
-def _message_of(item: TopicItem, form: str) -> Any:
-    """The message as one of the format's types; None for one with wrong fields. Raises
-    click.UsageError for another type.
+    Raises click.UsageError for a topic or frame that is not in the recording.
     """
-    _, types = _FORMATS[form].message or (None, ())
-    found = supplied_type(item.type_name)
-    if found not in types:
-        names = " or ".join(each.__name__ for each in types)
-        raise click.UsageError(
-            f"{form} has messages of type {names}, and {item.topic!r} is of type "
-            f"{item.type_name or 'unknown'}"
-        )
-    try:
-        return from_map(found, item.values)
-    except (DecodeError, TypeError, ValueError):
-        return None
+
+    def __init__(self, bag: OpenBag, topic: str, form: str, frame: str | None) -> None:
+        self._bag = bag
+        self._topic = topic
+        self._form = form
+        written = _FORMATS[form].message
+        assert written is not None
+        self._write, self._types = written
+        self._frame = frame
+        self._items = _items_of(bag, topic)
+        self._recording: Recording | None = None
+        self._unread = self._unmoved = 0
+        self._why_unmoved = ""
+        if frame is not None:
+            from tfbus.frames import recording
+
+            self._recording = recording.Recording.of_reader(bag.reader, bag.choice.statics)
+            edges = self._recording.frames()
+            known = {name for edge in edges for name in (edge.name, edge.parent)}
+            check_recorded([("frame", frame, known)])
+
+    def write(self, output: Path, *, force: bool, is_one: bool) -> str:
+        """Write the newest message into the file, or each into one beside it; a sentence."""
+        if is_one:
+            # Not by all before it, which may be hours of clouds.
+            of_topic = Selection(topics=(self._topic,))
+            newest = last_item(
+                self._bag.reader,
+                *self._bag.span,
+                of_topic,
+                lambda each: isinstance(each, TopicItem),
+            )
+            self._items = (each for each in (newest,) if isinstance(each, TopicItem))
+        count = size = 0
+        first = path = output
+        for message in filter(None, map(self._message, self._items)):
+            if not is_one:
+                number = f"{count:06d}_{message.stamp_ns}"
+                path = output.with_name(f"{output.stem}_{number}{output.suffix}")
+            with new_file(path, force=force, sources=_sources(self._bag)) as beside:
+                self._write(message, beside)
+            first = first if count else path
+            count += 1
+            size += path.stat().st_size
+        self._warn()
+        if not count and self._unmoved:
+            raise TfbusError(f"no message of {self._topic!r} has a place in {self._frame!r}")
+        if not count:
+            raise BusError(f"no message of {self._topic!r} in the recording, or in that span of it")
+        if count == 1:
+            return f"Wrote {path}: {size_text(size)}, a message of {self._topic!r}"
+        return f"Wrote {first} to {path.name}: {size_text(size)}, {counted(count, 'message')}"
+
+    def _warn(self) -> None:
+        for many, why in (
+            (self._unread, "which cannot be read"),
+            (self._unmoved, f"without a place in {self._frame!r}: {self._why_unmoved}"),
+        ):
+            if many:
+                warn(f"skipped {counted(many, 'message')} of {self._topic!r}, {why}")
+
+    def _message(self, item: TopicItem) -> Any:
+        """The message as one of the format's types; None for one with wrong fields, or without a
+        transform. Raises click.UsageError for another type.
+        """
+        found = supplied_type(item.type_name)
+        if found is None or found not in self._types:
+            names = " or ".join(each.__name__ for each in self._types)
+            raise click.UsageError(
+                f"{self._form} has messages of type {names}, and {item.topic!r} is of type "
+                f"{item.type_name or 'unknown'}"
+            )
+        try:
+            message: Any = from_map(found, item.values)
+        except (DecodeError, TypeError, ValueError):
+            self._unread += 1
+            return None
+        is_scan = isinstance(message, LaserScan)
+        if self._recording is not None:
+            try:
+                message = self._recording.transform(message, self._frame or "")
+            except TransformException as error:
+                self._unmoved += 1
+                self._why_unmoved = self._why_unmoved or str(error)
+                return None
+        elif is_scan:
+            message = message.cloud()
+        return _measured(message) if is_scan else message
+
+
+def _measured(cloud: PointCloud) -> PointCloud:
+    """A scan's cloud without the points that were not measured, which are NaN."""
+    points = cloud.as_array()
+    return PointCloud.from_array(cloud.stamp_ns, cloud.frame_id, points[points["x"] == points["x"]])

@@ -272,25 +272,29 @@ class RecordedFrames:
         """
         keeps_ns = int(self._cache_time_s * S)
         chosen = Selection(streams=(name,))
-        chunks: dict[tuple[int, int], set[str]] = {}
-        last = self._source.last_chunks(name, self._outside_of(name), missing, end_ns)
-        for frame, span in last.items():
-            chunks.setdefault(span, set()).add(frame)
         found: dict[int, Item] = {}
-        for (from_ns, to_ns), frames in sorted(chunks.items()):
-            part = [
-                (item, frames & self._children(item))
-                for item in self._source.items(from_ns - keeps_ns, min(to_ns, end_ns - 1), chosen)
-                if isinstance(item, TransformItem)
-            ]
-            newest_ns = {frame: item.log_ns for item, those in part for frame in those}
-            found |= {
-                id(item): item
-                for item, those in part
-                if any(item.log_ns > newest_ns[frame] - keeps_ns for frame in those)
-            }
-            if later := frames - newest_ns.keys():  # of these the chunk has messages of after it
-                found |= {id(item): item for item in self._last_messages(name, later, from_ns)}
+        seeking = [(missing, end_ns)]
+        while seeking:
+            sought, before_ns = seeking.pop()
+            chunks: dict[tuple[int, int], set[str]] = {}
+            last = self._source.last_chunks(name, self._outside_of(name), sought, before_ns)
+            for frame, span in last.items():
+                chunks.setdefault(span, set()).add(frame)
+            for (from_ns, to_ns), frames in sorted(chunks.items()):
+                last_ns = min(to_ns, before_ns - 1)
+                part = [
+                    (item, frames & self._children(item))
+                    for item in self._source.items(from_ns - keeps_ns, last_ns, chosen)
+                    if isinstance(item, TransformItem)
+                ]
+                newest_ns = {frame: item.log_ns for item, those in part for frame in those}
+                found |= {
+                    id(item): item
+                    for item, those in part
+                    if any(item.log_ns > newest_ns[frame] - keeps_ns for frame in those)
+                }
+                if later := frames - newest_ns.keys():  # the chunk has theirs after that time
+                    seeking.append((later, from_ns))
         return list(found.values())
 
     def _outside_of(self, name: str) -> Callable[[str], str]:

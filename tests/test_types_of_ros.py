@@ -75,6 +75,8 @@ CLOUD = np.array(
 TURNED = messages.Pose3D(messages.Vector3(1.0), messages.Quaternion(z=0.6, w=0.8))
 
 MESSAGES += (
+    messages.Polygon([[0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]),
+    messages.PolygonStamped(STAMP_NS, "base", messages.Polygon([[0.5, 0.0, 0.0]])),
     messages.PoseArray(STAMP_NS, "map", [[1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8]]),
     messages.CameraInfo(
         STAMP_NS,

@@ -200,6 +200,9 @@ def test_poses_are_those_of_the_product_of_matrices() -> None:
         np.testing.assert_allclose(matrix(pose), expected, atol=1e-12)
     point = buffer.transform(messages.PointStamped(S, "lidar", POSE.position), "base").point
     np.testing.assert_allclose((point.x, point.y, point.z), expected[:3, 3], atol=1e-12)
+    corners = messages.Polygon(np.array([row[:3]], np.float32))
+    area = buffer.transform(messages.PolygonStamped(S, "lidar", corners), "base").polygon
+    np.testing.assert_allclose(area.points, [expected[:3, 3]], atol=1e-6)
     moved = buffer.transform(messages.PoseArray(S, "lidar", np.array([row, row])), "base").poses
     for x, y, z, *turn in moved.tolist():
         pose = messages.Pose3D(messages.Vector3(x, y, z), messages.Quaternion(*turn))

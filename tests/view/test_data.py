@@ -35,6 +35,8 @@ from tfbus.messages import (
     Path,
     PointCloud,
     PointStamped,
+    Polygon,
+    PolygonStamped,
     Pose,
     Pose3D,
     PoseArray,
@@ -383,6 +385,7 @@ def test_a_marker_of_each_kind_is_drawn_but_meshes_without_a_file(
 
 OTHERS: dict[str, tuple[Any, type]] = {
     "a path": (Path(2 * S, "map", (PoseStamped(0, "map"), PoseStamped(0, "map"))), object),
+    "an area": (PolygonStamped(2 * S, "map", Polygon(np.eye(3, dtype=np.float32))), Lines),
     "poses": (PoseArray(2 * S, "map", np.array([(0, 0, 0, 0, 0, 0, 1)])), Bodies),
     "a point": (PointStamped(2 * S, "map"), Bodies),
     "a pose": (PoseStamped(2 * S, "map"), Bodies),

@@ -738,7 +738,7 @@ class Buffer:
         """A message of `tfbus.messages` in the target frame, by the transform at its stamp; a stamp
         of 0 stands for the latest.
 
-        PointCloud (with normals), PointStamped, PoseStamped, PoseArray, Path,
+        PointCloud (with normals), PointStamped, PolygonStamped, PoseStamped, PoseArray, Path,
         PoseWithCovarianceStamped, Odometry (its pose), Imu, OccupancyGrid (its origin), Marker and
         MarkerArray stay of their type; a LaserScan becomes a PointCloud, NaN for no measurement. If
         points have a time each, each is moved by the transform at that, and is then as of the

@@ -273,6 +273,9 @@ _MOVES: Mapping[type, Callable[[Any, Transform], dict[str, Any]]] = {
     messages.Odometry: lambda it, motion: {"pose": _pose_with_covariance(it.pose, motion)},
     messages.Path: _path,
     messages.PointStamped: lambda it, motion: {"point": _point(it.point, motion)},
+    messages.PolygonStamped: lambda it, motion: {
+        "polygon": messages.Polygon(motion.apply(it.polygon.points).astype(np.float32))
+    },
     messages.PoseArray: _poses,
     messages.PoseStamped: lambda it, motion: {"pose": _pose(it.pose, motion)},
     messages.PoseWithCovarianceStamped: lambda it, motion: {

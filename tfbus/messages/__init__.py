@@ -20,6 +20,8 @@ from tfbus.messages.fields import Former, check_byte, check_finite, check_stamp
 from tfbus.messages.geometry import Odometry as Odometry
 from tfbus.messages.geometry import Path as Path
 from tfbus.messages.geometry import PointStamped as PointStamped
+from tfbus.messages.geometry import Polygon as Polygon
+from tfbus.messages.geometry import PolygonStamped as PolygonStamped
 from tfbus.messages.geometry import Pose3D as Pose3D
 from tfbus.messages.geometry import PoseArray as PoseArray
 from tfbus.messages.geometry import PoseStamped as PoseStamped

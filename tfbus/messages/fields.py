@@ -149,6 +149,7 @@ if TYPE_CHECKING:
     Float32Array: TypeAlias = NDArray[np.float32]
     Float64Array: TypeAlias = NDArray[np.float64]
     PointsArray: TypeAlias = NDArray[np.float64]
+    Points32Array: TypeAlias = NDArray[np.float32]
     PosesArray: TypeAlias = NDArray[np.float64]
     ColorsArray: TypeAlias = NDArray[np.float32]
     UvArray: TypeAlias = NDArray[np.float32]
@@ -158,6 +159,7 @@ else:
     Float32Array = ArrayOf("float32")
     Float64Array = ArrayOf("float64")
     PointsArray = ArrayOf("float64", tuple("xyz"))
+    Points32Array = ArrayOf("float32", tuple("xyz"))
     PosesArray = ArrayOf("float64", _POSE)
     ColorsArray = ArrayOf("float32", tuple("rgba"))
     UvArray = ArrayOf("float32", tuple("uv"))

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from tfbus.messages.fields import (
     Former,
+    Points32Array,
     PosesArray,
     WithArrays,
     check_all_finite,
@@ -220,3 +221,30 @@ class PoseArray(WithArrays):
         if len(squares) and max(squares.max() - 1.0, 1.0 - squares.min()) > 2 * _UNIT_WITHIN:
             at = int(abs(squares - 1.0).argmax())
             raise ValueError(f"poses[{at}] must have a unit quaternion, not {quat_xyzw[at]}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Polygon(WithArrays):
+    """An area with the corners `points` (N, 3) in m, of which the last is joined to the first."""
+
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/Polygon"
+
+    points: Points32Array = field(default_factory=no_numbers)
+
+    def __post_init__(self) -> None:
+        self._make_arrays()
+        check_all_finite("points", self.points)
+
+
+@dataclass(frozen=True, slots=True)
+class PolygonStamped:
+    """A polygon in the frame `frame_id` at stamp_ns, such as the footprint of a robot."""
+
+    __msgtype__: ClassVar[str] = "geometry_msgs/msg/PolygonStamped"
+
+    stamp_ns: int
+    frame_id: str
+    polygon: Polygon = field(default_factory=Polygon)
+
+    def __post_init__(self) -> None:
+        check_stamp("stamp_ns", self.stamp_ns)

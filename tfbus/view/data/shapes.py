@@ -262,6 +262,16 @@ def _path(path: messages.Path, settings: TopicSettings, into_fixed: Transform) -
     return (line, *_drawn_poses(poses, settings, RGB_OF[messages.PoseArray])), _HERE
 
 
+def _polygon(
+    stamped: messages.PolygonStamped, settings: TopicSettings, into_fixed: Transform
+) -> Made:
+    corners = stamped.polygon.points
+    step = max(1, -(-len(corners) // MOST_SHAPES))
+    border = np.vstack((corners[::step], corners[:1]))
+    rgb = settings.painted(RGB_OF[messages.PolygonStamped])
+    return (line_along(border, rgb, settings.width / 100.0),), _HERE
+
+
 def line_along(xyz: NDArray[Any], color: tuple[int, int, int], width_m: float = 0.0) -> Lines:
     """A line along points (N, 3)."""
     near = xyz[(np.abs(xyz) <= _FARTHEST_M).all(axis=1)].astype(np.float32)
@@ -432,6 +442,7 @@ _SHAPES: Mapping[type, Callable[[Any, TopicSettings, Transform], Made]] = {
     messages.LaserScan: _scan,
     messages.Path: _path,
     messages.PointStamped: _point,
+    messages.PolygonStamped: _polygon,
     messages.PoseArray: _poses,
     messages.PoseStamped: _pose,
     messages.PoseWithCovarianceStamped: _pose_with_covariance,
@@ -455,6 +466,7 @@ RGB_OF: Mapping[type, tuple[int, int, int]] = {
     messages.LaserScan: (230, 120, 20),
     messages.Path: (40, 180, 60),
     messages.PointStamped: (230, 120, 20),
+    messages.PolygonStamped: (40, 180, 60),
     messages.PoseArray: (200, 40, 90),
     messages.PoseStamped: (200, 40, 90),
     messages.PoseWithCovarianceStamped: (200, 40, 90),

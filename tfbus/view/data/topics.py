@@ -36,6 +36,7 @@ _DRAWN = (
     messages.CompressedImage,
     messages.Path,
     messages.PointStamped,
+    messages.PolygonStamped,
     messages.PoseArray,
     messages.PoseStamped,
     messages.PoseWithCovarianceStamped,

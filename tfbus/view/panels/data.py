@@ -29,6 +29,7 @@ _POSES = (
     messages.PoseStamped,
     messages.PoseWithCovarianceStamped,
 )
+_LINES = (messages.Path, messages.PolygonStamped)
 _ARROWS = (*_POSES, messages.PointStamped)
 _SEE_THROUGH = (*_ARROWS, messages.OccupancyGrid, messages.Range)
 _SCALED = (*_ARROWS, *_IMAGES)
@@ -240,7 +241,7 @@ class _TopicRow:
                 label = "Flat colour" if message_type in POINTS else "Colour"
                 picker = gui.add_rgb(label, settings.painted(self._own_rgb))
                 self._rgb = Control(picker, self._paint)
-            if message_type is messages.Path:
+            if message_type in _LINES:
                 self._number("width", "Line width (cm)", 0.5, "0: some pixels.")
             if message_type in _POSES:
                 self._choice("poses", "Poses", POSES)

@@ -148,6 +148,19 @@ def test_ctrl_c_counts_though_a_finalizer_swallows_it(signals: StopSignals) -> N
     assert signals.stopped
 
 
+@pytest.mark.parametrize("is_closed", [False, True], ids=["it asks", "its node is closed"])
+def test_a_swallowed_ctrl_c_interrupts_no_program_that_ends(
+    signals: StopSignals, is_closed: bool
+) -> None:
+    """It knows of the signal: what it prints at its end would be lost, and its exit code 0."""
+    _Ending()
+    again = [each for each in threading.enumerate() if each.name == "signals again"]
+    if is_closed:
+        signals.uninstall()
+    assert len(again) == 1 and signals.stopped
+    again[0].join()
+
+
 def test_a_hook_that_is_stacked_on_ours_is_called_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each error of a finalizer passes each hook once, though all nodes were closed and new ones
     made meanwhile; the last one leaves the hook of the other library in force.

@@ -45,6 +45,8 @@ class StopSignals:
     @property
     def stopped(self) -> bool:
         """Whether SIGTERM has come or `stop` was called, or in a script SIGINT has come."""
+        if self._stop.called and _in_main_thread():
+            _handlers().is_answered = True
         return self._stop.called
 
     @property
@@ -74,6 +76,7 @@ class StopSignals:
         In an interactive session SIGINT raises KeyboardInterrupt here.
         """
         was_interrupted, self._is_interrupted = self._is_interrupted, False
+        _handlers().is_answered |= was_interrupted
         if was_interrupted and _is_interactive():
             raise KeyboardInterrupt
         return was_interrupted or self._ended.called
@@ -338,6 +341,8 @@ class SignalHandlers:
         # Signals that have come within `postponed`; None outside of it.
         self.postponed: set[int] | None = None
         self._interrupted_s = -math.inf
+        # Whether the program knows of the last signal, by asking whether it is stopped.
+        self.is_answered = False
         # The hook of the last install, with the hook that it has replaced.
         self._hook: partial[None] | None = None
 
@@ -363,6 +368,7 @@ class SignalHandlers:
             self.restore()
             signal.raise_signal(number)
             return
+        self.is_answered = False
         for signals in self.installed:
             signals.receive(number)
         is_held = any(signals._is_held for signals in self.installed)
@@ -416,7 +422,8 @@ def _in_main_thread() -> bool:
 
 def interrupt_again() -> None:
     """Raise KeyboardInterrupt again soon: this one was raised in a callback that a library runs on
-    the main thread, and the library swallows it.
+    the main thread, and the library swallows it. Not in a program that knows of the signal
+    meanwhile: it would be interrupted in what it does at its end.
     """
     if scheduler.is_simulated:
         raise KeyboardInterrupt  # which nothing swallows there
@@ -426,8 +433,10 @@ def interrupt_again() -> None:
 
     def interrupt(main: int = main) -> None:
         time.sleep(_POKE_EVERY_S)
-        _handlers().forget_interrupt()
-        signal.pthread_kill(main, signal.SIGINT)
+        handlers = _handlers()
+        if handlers.installed and not handlers.is_answered:
+            handlers.forget_interrupt()
+            signal.pthread_kill(main, signal.SIGINT)
 
     threading.Thread(target=interrupt, name="signals again", daemon=True).start()
 

@@ -410,3 +410,28 @@ def test_a_wait_for_something_real_is_named(
     with pytest.raises(SimulationError, match="such as a lock"):
         network.run(1.0)
     lock.release()
+
+
+def test_a_test_that_waits_without_end_is_ended(network: Network) -> None:
+    """As one that calls a node's main function where it has to be given."""
+    network.start(network.host("robot"), "beats", partial(_beat, 60.0))
+    with pytest.raises(
+        SimulationError, match="waited for four hours of this time: is there a call"
+    ):
+        threading.Event().wait()
+
+
+def _beat(period_s: float) -> None:
+    while True:
+        time.sleep(period_s)
+
+
+def test_an_error_names_the_seed_of_its_network() -> None:
+    """So that one of many can be repeated; a host is told from its processes."""
+    with (
+        pytest.raises(SimulationError, match=r"'robot' is a host, .* processes: robot/a") as caught,
+        Network(7) as network,
+        network.process(network.host("robot"), "a") as process,
+    ):
+        network.kill(process.host)  # type: ignore[arg-type]
+    assert caught.value.__notes__ == ["again: Network(seed=7)"]

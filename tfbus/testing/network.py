@@ -43,9 +43,9 @@ class Network:
             network.run(10.0)
 
     The seed decides all that is left to chance. `interleaving` is the mean number of steps after
-    which a task gives its turn away without need. `faults` says how often Zenoh fails. Hosts and
-    processes are given themselves, or by their names. Settings in the environment (TFBUS_MODE and
-    others) have no effect.
+    which a task gives its turn away without need. The attribute `faults` says how often Zenoh
+    fails. Hosts and processes are given themselves, or by their names. Settings in the environment
+    (TFBUS_MODE and others) of before have no effect.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:
@@ -92,6 +92,8 @@ class Network:
             if self._was_collecting:
                 gc.enable()
         failure, self.tasks.failure = self.tasks.failure, None
+        if (raised := error or failure) is not None:
+            raised.add_note(f"again: Network(seed={self.seed})")
         if failure is not None and error is None:
             raise failure
 
@@ -317,6 +319,9 @@ class Network:
         return host if isinstance(host, Host) else self._table.host(host)
 
     def _process(self, process: Process | str) -> Process:
+        if isinstance(process, Host):
+            names = ", ".join(each.name for each in process.processes) or "none yet"
+            raise SimulationError(f"{process.name!r} is a host, not one of its processes: {names}")
         return process if isinstance(process, Process) else self._table.process(process)
 
     # Running

@@ -7,6 +7,7 @@ interleave. Time stands while any task can run, then jumps to the next moment at
 
 import _thread
 import itertools
+import math
 import os
 import random
 import sys
@@ -22,6 +23,9 @@ from tfbus.base.errors import TfbusError
 
 # A task may run for this long in real time before the simulation calls it stuck.
 _STUCK_AFTER_S = 60.0
+
+# A test may wait without a bound for what takes hours, but not for ever.
+_PATIENCE_NS = 4 * 3600 * 1_000_000_000
 
 # As many turns without any time passing are an endless loop.
 _MOST_TURNS_AT_ONCE = 2_000_000
@@ -144,6 +148,8 @@ class Tasks:
         self.steps_left = self._steps = 0
         self._turns_at_once = 0
         self._rests_alone = 0
+        # When a wait of the test itself without a bound has lasted for too long.
+        self._impatient_ns = math.inf
         self._ended = _thread.allocate_lock()
         self._order = itertools.count()
         self._alarms: list[tuple[int, int, Callable[[], object]]] = []
@@ -225,6 +231,8 @@ class Tasks:
         task.waits_for = waits_for
         task.was_woken = False
         task.wait_number += 1
+        if task is self.main and timeout_s is None:
+            self._impatient_ns = self.now_ns + _PATIENCE_NS
         if timeout_s is not None:
             self.call_at(self.end_ns(timeout_s), partial(self._give_up, task, task.wait_number))
         try:
@@ -232,6 +240,8 @@ class Tasks:
                 self._give_turn()
         finally:
             task.waits_for = ""
+            if task is self.main:
+                self._impatient_ns = math.inf
         return task.was_woken
 
     def _give_up(self, task: Task, number: int) -> None:
@@ -369,8 +379,8 @@ class Tasks:
         self._stuck = task = self.current
         self.is_over = True  # that one may still go on
         raise SimulationError(
-            f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it waits for "
-            "something real, such as a lock, a file or a sleep of Python's own\n"
+            f"{_named(task)} has not given its turn back for {_STUCK_AFTER_S:g} s: it computes, or "
+            "waits for something real, such as a lock, a file or a sleep of Python's own\n"
             f"{self._stack_of(task)}"
         )
 
@@ -402,6 +412,13 @@ class Tasks:
             if not alarms:
                 return self._main_for(self._error("all tasks wait for ever"))
             due_ns, _, call = heappop(alarms)
+            if due_ns > self._impatient_ns:
+                return self._main_for(
+                    self._error(
+                        "the test itself has waited for four hours of this time: is there a call "
+                        "that never returns? Give network.start and network.program the function"
+                    )
+                )
             if due_ns > self.now_ns:
                 self.now_ns = due_ns
                 self._turns_at_once = 0

@@ -122,6 +122,9 @@ def test_scans_and_clouds_are_written_in_another_frame(
             now = START_NS + tick * S
             place = TransformStamped(now, "map", "laser", Transform((float(tick), 0.0, 0.0)))
             writer.write(in_recording(now, [place], seq=tick))
+        empty = LaserScan(START_NS + S, "laser")
+        values = decode_map(encode_message(empty))
+        writer.write(TopicItem(START_NS + S, "scan", type_name(LaserScan), values))
         for now in (START_NS - S, START_NS):
             scan = LaserScan(
                 now,
@@ -138,8 +141,8 @@ def test_scans_and_clouds_are_written_in_another_frame(
     assert np.allclose(read_cloud(Path("own.ply"))["x"], [1.0, np.cos(0.3)])
     done = export("drive.mcap", "--topic", "scan", "--in-frame", "map", "-o", "moved.npz")
     assert done.exit_code == 0 and "skipped 1 message of 'scan', without a place in" in done.output
-    assert "'map'" in done.output and "Wrote moved_000000_" in done.output
-    with np.load(next(Path().glob("moved*.npz"))) as moved:
+    assert "'map'" in done.output and done.output.endswith(", 2 messages\n")
+    with np.load(next(Path().glob(f"moved_*_{START_NS}.npz"))) as moved:
         assert (moved["frame_id"], moved["stamp_ns"]) == ("map", START_NS)
         assert np.allclose(moved["points"]["x"], [1.0, 3.0 + np.cos(0.3)])
         assert moved["points"]["intensity"].tolist() == [0.0, 3.0]

@@ -168,9 +168,10 @@ def test_fields_may_have_their_former_names() -> None:
             "std_msgs/msg/Header has stamp, frame_id",
         ),
         (
-            {"points": [{"x": 1, "w": 2}]},
-            find_type("geometry_msgs/msg/Polygon"),
-            "not a valid geometry_msgs/msg/Polygon: there is no field 'points[0].w'; "
+            {"polygon": {"points": [{"x": 1, "w": 2}]}},
+            find_type("geometry_msgs/msg/PolygonInstance"),
+            "not a valid geometry_msgs/msg/PolygonInstance: there is no field "
+            "'polygon.points[0].w'; "
             "geometry_msgs/msg/Point32 has x, y, z",
         ),
         ({"linaer": {}}, Twist, "Twist has no field 'linaer'; did you mean 'linear'?"),

@@ -351,7 +351,9 @@ class _MessagesOf:
             self._items = (each for each in (newest,) if isinstance(each, TopicItem))
         count = size = 0
         first = path = output
-        for message in filter(None, map(self._message, self._items)):
+        for message in map(self._message, self._items):
+            if message is None:
+                continue
             if not is_one:
                 number = f"{count:06d}_{message.stamp_ns}"
                 path = output.with_name(f"{output.stem}_{number}{output.suffix}")

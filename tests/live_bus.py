@@ -161,9 +161,9 @@ _MEETING = (
 )
 AT_ONCE = "{scouting: {multicast: {enabled: false}, delay: 10},"
 
-# On a busy machine a link may be silent, or take to open, for longer than tfbus allows by default;
-# and without multicast peers that have lost each other, or did not meet when a third one introduced
-# them, take long to meet or never do.
+# On a busy machine a link may be silent for longer than tfbus allows by default, and take longer to
+# open. Without multicast, peers that lose each other meet again late, and peers that do not meet
+# when a third one introduces them never do.
 PATIENT = (
     " transport: {link: {tx: {lease: 60000}},"
     " unicast: {open_timeout: 60000, accept_timeout: 60000}},"

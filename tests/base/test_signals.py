@@ -5,6 +5,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -148,18 +149,38 @@ def test_ctrl_c_counts_though_a_finalizer_swallows_it(signals: StopSignals) -> N
     assert signals.stopped
 
 
-@pytest.mark.parametrize("is_closed", [False, True], ids=["it asks", "its node is closed"])
-def test_a_swallowed_ctrl_c_interrupts_no_program_that_ends(
-    signals: StopSignals, is_closed: bool
+@pytest.mark.parametrize("asks", ["after", "before", "another"])
+def test_a_swallowed_ctrl_c_interrupts_no_program_that_knows_of_it(
+    signals: StopSignals, monkeypatch: pytest.MonkeyPatch, asks: str
 ) -> None:
-    """It knows of the signal: what it prints at its end would be lost, and its exit code 0."""
-    _Ending()
-    again = [each for each in threading.enumerate() if each.name == "signals again"]
-    if is_closed:
-        signals.uninstall()
-    assert len(again) == 1
-    assert is_closed or signals.stopped
-    again[0].join()
+    """What that does at its end would be lost. It knows once it has asked since then, of an object
+    that the signal has stopped.
+    """
+    other = StopSignals()
+    other.stop()
+    goes_on = threading.Event()
+    sent: list[int] = []
+    with monkeypatch.context() as patched:
+        patched.setattr(time, "sleep", lambda seconds: goes_on.wait(DEADLINE_S))
+        patched.setattr(signal, "pthread_kill", lambda thread, number: sent.append(number))
+        _Asking(signals if asks == "before" else other)
+        assert (signals if asks == "after" else other).stopped
+        [again] = [each for each in threading.enumerate() if each.name == "signals again"]
+        goes_on.set()
+        again.join()
+    assert (signal.SIGINT in sent) is (asks != "after")
+    other.uninstall()
+
+
+class _Asking:
+    def __init__(self, asked: StopSignals) -> None:
+        self._asked = asked
+
+    def __del__(self) -> None:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        finally:
+            _ = self._asked.stopped
 
 
 def test_a_hook_that_is_stacked_on_ours_is_called_once(monkeypatch: pytest.MonkeyPatch) -> None:

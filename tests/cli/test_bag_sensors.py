@@ -163,7 +163,7 @@ def test_scans_and_clouds_are_written_in_another_frame(
         (("--topic", "none", "-o", "a.ply"), "no topic 'none'"),
         (("-o", "a.ply"), "give --topic"),
         (("--topic", "points", "-o", "a.tum"), "tum has no messages"),
-        (("--topic", "points", "-o", "a.csv", "--at", "1"), "--at is for one cloud or image"),
+        (("--topic", "points", "-o", "a.csv", "--at", "1"), "--at is for one cloud, scan or"),
         (("--topic", "points", "-o", "a.ply", "--at", "1", "--to", "2"), "--at is one time"),
     ],
 )

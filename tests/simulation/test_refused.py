@@ -415,9 +415,7 @@ def test_a_wait_for_something_real_is_named(
 def test_a_test_that_waits_without_end_is_ended(network: Network) -> None:
     """As one that calls a node's main function where it has to be given."""
     network.start(network.host("robot"), "beats", partial(_beat, 60.0))
-    with pytest.raises(
-        SimulationError, match="waited for four hours of this time: is there a call"
-    ):
+    with pytest.raises(SimulationError, match="waited for a day of this time: is there a call"):
         threading.Event().wait()
 
 

@@ -39,13 +39,15 @@ class StopSignals:
         self._ended, self._stop = stop(), stop()
         self._is_held = False
         self._is_interrupted = False
+        # Whether Ctrl-C has stopped it, and not the program before.
+        self._has_signal = False
         if _in_main_thread():
             _handlers().install(self)
 
     @property
     def stopped(self) -> bool:
         """Whether SIGTERM has come or `stop` was called, or in a script SIGINT has come."""
-        if self._stop.called and _in_main_thread():
+        if self._has_signal and _in_main_thread():
             _handlers().is_answered = True
         return self._stop.called
 
@@ -76,7 +78,6 @@ class StopSignals:
         In an interactive session SIGINT raises KeyboardInterrupt here.
         """
         was_interrupted, self._is_interrupted = self._is_interrupted, False
-        _handlers().is_answered |= was_interrupted
         if was_interrupted and _is_interactive():
             raise KeyboardInterrupt
         return was_interrupted or self._ended.called
@@ -102,6 +103,7 @@ class StopSignals:
             self._is_interrupted = True
             self._ended.interrupt()
         if not _is_interactive():
+            self._has_signal |= not self._stop.called
             self._stop.call()
 
     def uninstall(self) -> None:
@@ -341,7 +343,8 @@ class SignalHandlers:
         # Signals that have come within `postponed`; None outside of it.
         self.postponed: set[int] | None = None
         self._interrupted_s = -math.inf
-        # Whether the program knows of the last signal, by asking whether it is stopped.
+        # Whether the program knows of the last signal that was swallowed: it has asked whether it
+        # is stopped since then.
         self.is_answered = False
         # The hook of the last install, with the hook that it has replaced.
         self._hook: partial[None] | None = None
@@ -368,7 +371,6 @@ class SignalHandlers:
             self.restore()
             signal.raise_signal(number)
             return
-        self.is_answered = False
         for signals in self.installed:
             signals.receive(number)
         is_held = any(signals._is_held for signals in self.installed)
@@ -430,11 +432,12 @@ def interrupt_again() -> None:
 
     main = threading.main_thread().ident
     assert main is not None
+    handlers = _handlers()
+    handlers.is_answered = False
 
     def interrupt(main: int = main) -> None:
         time.sleep(_POKE_EVERY_S)
-        handlers = _handlers()
-        if handlers.installed and not handlers.is_answered:
+        if not handlers.is_answered:
             handlers.forget_interrupt()
             signal.pthread_kill(main, signal.SIGINT)
 

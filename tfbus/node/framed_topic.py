@@ -92,7 +92,7 @@ def into_frame(
     return InFrame(into, check_frame_id(frame, "in_frame"), tolerance_s, timeout_s, queue)
 
 
-# A subscription begins among messages that were measured before the transforms that it hears.
+# The first messages of a subscription may be older than all transforms that its listener heard.
 _JUST_BEFORE_NS = 2_000_000_000
 
 # The description names no more frames.

@@ -44,8 +44,8 @@ class Network:
 
     The seed decides all that is left to chance. `interleaving` is the mean number of steps after
     which a task gives its turn away without need. The attribute `faults` says how often Zenoh
-    fails. Hosts and processes are given themselves, or by their names. Settings in the environment
-    (TFBUS_MODE and others) of before have no effect.
+    fails. Hosts and processes are given themselves, or by their names. Settings that the
+    environment had before (TFBUS_MODE and others) have no effect.
     """
 
     def __init__(self, seed: int = 0, *, interleaving: int = 50) -> None:

@@ -25,7 +25,7 @@ from tfbus.base.errors import TfbusError
 _STUCK_AFTER_S = 60.0
 
 # A test may wait without a bound for what takes hours, but not for ever.
-_PATIENCE_NS = 4 * 3600 * 1_000_000_000
+_PATIENCE_NS = 24 * 3600 * 1_000_000_000
 
 # As many turns without any time passing are an endless loop.
 _MOST_TURNS_AT_ONCE = 2_000_000
@@ -411,14 +411,15 @@ class Tasks:
                 return task
             if not alarms:
                 return self._main_for(self._error("all tasks wait for ever"))
-            due_ns, _, call = heappop(alarms)
-            if due_ns > self._impatient_ns:
+            if alarms[0][0] > self._impatient_ns:
                 return self._main_for(
                     self._error(
-                        "the test itself has waited for four hours of this time: is there a call "
-                        "that never returns? Give network.start and network.program the function"
+                        "the test itself has waited for a day of this time: is there a call that "
+                        "never returns? network.start and network.program want the function. For "
+                        "longer waits there is network.run(until=..., timeout_s=...)"
                     )
                 )
+            due_ns, _, call = heappop(alarms)
             if due_ns > self.now_ns:
                 self.now_ns = due_ns
                 self._turns_at_once = 0

@@ -1,7 +1,7 @@
 """`tfbus bag export`: a recording as files of numbers and images."""
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,7 +109,7 @@ _ENDINGS = [f".{form}" for form in _FORMATS]
     "frame",
     type=FrameName(),
     metavar="FRAME",
-    help="Move the points of clouds and scans into this frame, each by its own time.",
+    help="Move the points of clouds and scans into this frame, by the transforms at their times.",
 )
 @click.option(
     "--at",
@@ -190,7 +190,7 @@ def command(
     if topic is not None and written.topic is None and written.message is None:
         raise click.UsageError(f"{form} has no messages: write a topic as .csv, a cloud as .ply")
     if moment is not None and (topic is None or written.message is None):
-        raise click.UsageError("--at is for one cloud or image of a --topic")
+        raise click.UsageError("--at is for one cloud, scan or image of a --topic")
     if frame is not None and (
         topic is None or written.message is None or written.message[1] != _POINTS
     ):
@@ -338,7 +338,9 @@ class _MessagesOf:
             check_recorded([("frame", frame, known)])
 
     def write(self, output: Path, *, force: bool, is_one: bool) -> str:
-        """Write the newest message into the file, or each into one beside it; a sentence."""
+        """Write the newest message into the file, or each into one beside it; a sentence that says
+        so. Raises TfbusError if there is none.
+        """
         if is_one:
             # Not by all before it, which may be hours of clouds.
             of_topic = Selection(topics=(self._topic,))
@@ -362,22 +364,18 @@ class _MessagesOf:
             first = first if count else path
             count += 1
             size += path.stat().st_size
-        self._warn()
+        unmoved = f"without a place in {self._frame!r}: {self._why_unmoved}"
         if not count and self._unmoved:
-            raise TfbusError(f"no message of {self._topic!r} has a place in {self._frame!r}")
+            which = "the newest message" if is_one else "each message"
+            raise TfbusError(f"{which} of {self._topic!r} is {unmoved}")
+        for many, why in ((self._unread, "which cannot be read"), (self._unmoved, unmoved)):
+            if many:
+                warn(f"skipped {counted(many, 'message')} of {self._topic!r}, {why}")
         if not count:
             raise BusError(f"no message of {self._topic!r} in the recording, or in that span of it")
         if count == 1:
             return f"Wrote {path}: {size_text(size)}, a message of {self._topic!r}"
         return f"Wrote {first} to {path.name}: {size_text(size)}, {counted(count, 'message')}"
-
-    def _warn(self) -> None:
-        for many, why in (
-            (self._unread, "which cannot be read"),
-            (self._unmoved, f"without a place in {self._frame!r}: {self._why_unmoved}"),
-        ):
-            if many:
-                warn(f"skipped {counted(many, 'message')} of {self._topic!r}, {why}")
 
     def _message(self, item: TopicItem) -> Any:
         """The message as one of the format's types; None for one with wrong fields, or without a
@@ -397,6 +395,8 @@ class _MessagesOf:
             return None
         is_scan = isinstance(message, LaserScan)
         if self._recording is not None:
+            # Without a stamp it is as of when it was recorded.
+            message = replace(message, stamp_ns=message.stamp_ns or item.log_ns)
             try:
                 message = self._recording.transform(message, self._frame or "")
             except TransformException as error:

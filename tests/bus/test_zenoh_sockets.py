@@ -198,7 +198,8 @@ def test_tcp_takes_little_that_it_cannot_send(closed_at_the_end: ExitStack) -> N
 
 def test_a_link_takes_more_than_it_was_opened_with(closed_at_the_end: ExitStack) -> None:
     """The far end sends more of what is not read yet, as soon as it has learned of it."""
-    one, other = connected(closed_at_the_end, window=16384)
+    window = 16384
+    one, other = connected(closed_at_the_end, window=window)
 
     def unread() -> int:
         for _ in range(100):
@@ -214,7 +215,8 @@ def test_a_link_takes_more_than_it_was_opened_with(closed_at_the_end: ExitStack)
             other.recv(2**20)
         return arrived
 
-    assert unread() <= 16384
+    # Linux offers half of what it holds, or as the packets come a part more.
+    assert unread() <= 2 * window
     here, there = (":".join(map(str, end())) for end in (other.getsockname, other.getpeername))
     take_more({(here, there)})
-    assert unread() > 32768
+    assert unread() > 4 * window

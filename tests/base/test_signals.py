@@ -153,9 +153,10 @@ def test_ctrl_c_counts_though_a_finalizer_swallows_it(signals: StopSignals) -> N
 def test_a_swallowed_ctrl_c_interrupts_no_program_that_knows_of_it(
     signals: StopSignals, monkeypatch: pytest.MonkeyPatch, asks: str
 ) -> None:
-    """What that does at its end would be lost. It knows once it has asked since then, of an object
-    that the signal has stopped.
+    """The work of a program at its end would be lost. It knows of the signal once it has asked,
+    after the signal, an object that the signal has stopped.
     """
+    before = threading.enumerate()
     other = StopSignals()
     other.stop()
     goes_on = threading.Event()
@@ -165,7 +166,8 @@ def test_a_swallowed_ctrl_c_interrupts_no_program_that_knows_of_it(
         patched.setattr(signal, "pthread_kill", lambda thread, number: sent.append(number))
         _Asking(signals if asks == "before" else other)
         assert (signals if asks == "after" else other).stopped
-        [again] = [each for each in threading.enumerate() if each.name == "signals again"]
+        new = [each for each in threading.enumerate() if each not in before]
+        [again] = [each for each in new if each.name == "signals again"]
         goes_on.set()
         again.join()
     assert (signal.SIGINT in sent) is (asks != "after")

@@ -215,7 +215,7 @@ def test_a_link_takes_more_than_it_was_opened_with(closed_at_the_end: ExitStack)
             other.recv(2**20)
         return arrived
 
-    # Linux offers half of what it holds, or as the packets come a part more.
+    # Linux offers about half of the memory that it has for a window.
     assert unread() <= 2 * window
     here, there = (":".join(map(str, end())) for end in (other.getsockname, other.getpeername))
     take_more({(here, there)})

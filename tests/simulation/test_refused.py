@@ -425,7 +425,7 @@ def _beat(period_s: float) -> None:
 
 
 def test_an_error_names_the_seed_of_its_network() -> None:
-    """So that one of many can be repeated; a host is told from its processes."""
+    """One seed of many can be repeated so; and an error names a host that is no process."""
     with (
         pytest.raises(SimulationError, match=r"'robot' is a host, .* processes: robot/a") as caught,
         Network(7) as network,

@@ -194,7 +194,9 @@ def command(
     if frame is not None and (
         topic is None or written.message is None or written.message[1] != _POINTS
     ):
-        raise click.UsageError("--in-frame is for the clouds or scans of a --topic")
+        raise click.UsageError(
+            "--in-frame is for the clouds or scans of a --topic: .ply, .pcd or .npz"
+        )
     if moment is not None and (begin is not None or end is not None):
         raise click.UsageError("--at is one time: omit --from and --to")
     if is_pair and _FORMATS[form].pair is None:
@@ -364,13 +366,13 @@ class _MessagesOf:
             first = first if count else path
             count += 1
             size += path.stat().st_size
-        unmoved = f"without a place in {self._frame!r}: {self._why_unmoved}"
+        unmoved = f"cannot be moved into {self._frame!r}: {self._why_unmoved}"
         if not count and self._unmoved:
-            which = "the newest message" if is_one else "each message"
-            raise TfbusError(f"{which} of {self._topic!r} is {unmoved}")
-        for many, why in ((self._unread, "which cannot be read"), (self._unmoved, unmoved)):
+            which = "the newest message" if is_one else "all messages"
+            raise TfbusError(f"{which} of {self._topic!r} {unmoved}")
+        for many, why in ((self._unread, "cannot be read"), (self._unmoved, unmoved)):
             if many:
-                warn(f"skipped {counted(many, 'message')} of {self._topic!r}, {why}")
+                warn(f"skipped {counted(many, 'message')} of {self._topic!r}, which {why}")
         if not count:
             raise BusError(f"no message of {self._topic!r} in the recording, or in that span of it")
         if count == 1:
